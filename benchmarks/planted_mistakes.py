@@ -45,9 +45,10 @@ from dynident.api.robot_files import load_robot
 from dynident.identification.recording_faults.column_faults import Motion, is_possible_delay, list_possible_faults
 from dynident.identification.recording_faults.description_fit import measure_left_by_description
 from dynident.identification.recording_faults.fault_search import ALIKE, find_delay
+from dynident.identification.recording_faults.joint_angle_faults import find_parallel_axes
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion, thin_out
 from dynident.identification.recording_faults.torque_scale import compute_described_load
-from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes
+from dynident.identification.recording_faults.tree_fit import find_moving_joints
 from dynident.identification.recording_faults.unexplained_torque import HeldOutFit, measure_unexplained_share
 from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata

@@ -151,10 +151,14 @@ def accept_proposal(
             + (f" → {answer}" if (answer := describe_answer(question)) else "")
             for question in open_questions
         )
+        # Only what a check proposes is corrected unasked, and of the file alone.
+        can_cure = any(question.check and question.remedies and question.field not in _NOT_CURED
+                       for question in open_questions)  # fmt: skip
         raise DynidentError(
             f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "
-            "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, with --cure, "
-            "or with --metadata FILE, a JSON object of effort_kind, signs, scale, zeros, permutation or torque_delay. "
+            "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, "
+            f"{'with --cure, ' if can_cure else ''}or with --metadata FILE, a JSON object of effort_kind, signs, "
+            "scale, zeros, permutation or torque_delay. "
             f"Or write the proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, "
             "answer there (and empty its questions), and give it as --metadata.",
             pointer=str(path),

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from dynident.diagnosis.diagnosis_result import Change
     from dynident.diagnosis.monitoring import Series
     from dynident.presentation.tables import ReportedTable
-    from dynident.verdict import Action, ModelVerdict, State
+    from dynident.verdict import Action, ModelVerdict, State, Use
     from dynident_cli.shared_options import OutputOptions
     from dynident_service.validations.wire_types import ValidationResult
 
@@ -235,8 +235,13 @@ def show_verdict(console: Console, verdict: ModelVerdict) -> None:
     if verdict.stop is not None:
         console.print(f"✕ {verdict.summary}", style="bold red")
     else:
+        # What several uses lack alike is said once.
+        alike: dict[tuple[str, str], list[Use]] = {}
         for use in verdict.uses:
-            console.print(f"{use.mark} {use.words}: {use.reason}", style=_STYLES[use.state])
+            alike.setdefault((use.reason, use.next_step), []).append(use)
+        for use, *others in alike.values():
+            words = ", ".join([use.words, *(other.words for other in others)])
+            console.print(f"{use.mark} {words}: {use.reason}", style=_STYLES[use.state])
             command = COMMANDS_OF_NEXT_STEPS.get(use.next_action, "")
             step = f"{use.next_step.removesuffix('.')}: {command}" if command else use.next_step
             console.print(f"    → {step}", soft_wrap=True)

@@ -215,6 +215,15 @@ def test_all_that_is_wrong_with_all_files_is_one_error(desk: Path, robot: dy.Rob
     assert all(check.detail.split(" Say ")[0] in told for check in blocking)
 
 
+def test_what_several_files_lack_is_said_once(desk: Path, robot: dy.Robot, tmp_path: Path) -> None:
+    table = table_of(desk / "run1.csv")
+    paths = [write(tmp_path / f"{name}.csv", {one: v for one, v in table.items() if one != "tau3"}) for name in "ab"]
+    with pytest.raises(dy.RecordingError) as raised:
+        dy.read_recordings(*paths, robot=robot)
+    assert "a.csv, b.csv: There is no column" in str(raised.value)
+    assert str(raised.value).count("There is no column") == 1
+
+
 def test_what_is_accepted_becomes_a_finding(desk: Path, robot: dy.Robot, tmp_path: Path) -> None:
     table = table_of(desk / "run1.csv")
     path = write(tmp_path / "far.csv", {name: np.rad2deg(v) if name[0] == "q" else v for name, v in table.items()})

@@ -283,6 +283,9 @@ def test_a_data_set_whose_description_does_not_fit_its_lists_counts_them(tmp_pat
     about.write_text(json.dumps(content), encoding="utf-8")
     columns = dy.inspect(path).inspection.columns
     assert {"observation.state7", "observation.effort1", "observation.velocity.fr3_joint1"} <= set(columns)
+    # A file that lies elsewhere is none of the data set.
+    assert "observation.velocity1" in dy.inspect(path.rename(tmp_path / "set" / "copy.parquet")).inspection.columns
+    (tmp_path / "set" / "copy.parquet").rename(path)
     about.write_text("{", encoding="utf-8")
     assert "observation.velocity1" in dy.inspect(path).inspection.columns
 

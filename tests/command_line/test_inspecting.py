@@ -105,6 +105,8 @@ def test_what_has_to_be_answered_is_not_taken_as_proposed(foreign, tmp_path):
     refused = dynident("identify", "scara", bare, "--as-proposed")
     assert refused.code != 0
     assert "external" in refused.err
+    # Nothing proposes what would correct it.
+    assert "--cure" not in refused.err
 
 
 def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import get_args
+from types import SimpleNamespace
+from typing import cast, get_args
 
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
+from rich.console import Console
 from support.running_commands import ROBOT, dynident, write_run
 
 from dynident.robot import urdf_from_robot
-from dynident.verdict import Action
-from dynident_cli.printed_results import COMMANDS_OF_NEXT_STEPS
+from dynident.verdict import Action, ModelVerdict, Use
+from dynident.verdict.fitness_by_use import DIAGNOSE
+from dynident_cli.printed_results import COMMANDS_OF_NEXT_STEPS, show_verdict
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +111,13 @@ def test_the_next_steps_of_a_verdict_run_as_they_are_printed(desk: Path, tmp_pat
         answer = dynident(*words, *also.get(words[0], []))
         # A validation may fail, and a model may have to be completed: that is about the data.
         assert answer.code in (0, 1), f"{command}\n{answer.err}"
+
+
+def test_what_several_uses_lack_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    uses = [Use("simulation", "no", "It drifts.", DIAGNOSE)]
+    uses += [Use(name, "no", "Its error is large.", DIAGNOSE) for name in ("collision_detection", "payload")]
+    verdict = SimpleNamespace(stop=None, uses=uses, next_steps=(), drift=None)
+    show_verdict(Console(width=100), cast("ModelVerdict", verdict))
+    told = capsys.readouterr().out
+    assert "✕ collision detection, payload: Its error is large." in told
+    assert told.count("dynident diagnose") == 2

@@ -19,7 +19,7 @@ from dynident.identification.recording_faults import (
     find_recording_faults,
 )
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
-from dynident.identification.recording_faults.joint_angle_faults import report_zeros_from_start
+from dynident.identification.recording_faults.joint_angle_faults import find_parallel_axes, report_zeros_from_start
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
@@ -27,7 +27,6 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     filter_whole_motion,
 )
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
-from dynident.identification.recording_faults.tree_fit import find_parallel_axes
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.pseudo_inertia import find_description_units
@@ -102,6 +101,43 @@ def test_gravity_that_pulls_elsewhere_is_told_with_its_direction(direction: list
     # The mean over the joints hides what is left of the first joint's torque.
     assert mounting.unexplained < 0.3 * mounting.unexplained_as_stated or direction == [0, 0, 1]
     assert findings(recording, replace(ROBOT, gravity=gravity)) == []
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_sweep_of_one_joint_tells_signs_and_gravity(joint: int) -> None:
+    """The others rest, but for the noise of their encoders: their links are not fitted to it."""
+    rng = np.random.default_rng(joint)
+    motion = fourier_motion(ROBOT, 90.0, 125.0, joint, base_frequency=0.2)
+    at_rest = np.arange(6) != joint
+    pose = np.array([0.0, -1.5, 0.2, -1.4, 0.1, 0.0])
+    q, dq, ddq = (np.where(at_rest, 0.0, signal) for signal in (motion.q, motion.dq, motion.ddq))
+    motion = replace(motion, q=q + pose + 1e-5 * rng.normal(size=q.shape), dq=dq, ddq=ddq)
+    friction = 0.04 * EFFORT * np.sign(dq) + 0.03 * EFFORT * dq
+    noise = 0.003 * EFFORT * rng.normal(size=q.shape)
+    tau = pinocchio_torque(ROBOT, q + pose, dq, ddq) + friction + noise
+    assert findings(record(ROBOT, motion, tau)) == []
+    turned = np.where(at_rest, 1.0, -1.0)
+    assert [one.name for one in findings(record(ROBOT, motion, turned * tau))] == ["torque_sign"]
+    (found,) = findings(record(ROBOT, replace(motion, q=-motion.q), tau))
+    assert found.name == "joint_sign"
+    (found,) = findings(record(ROBOT, motion, tau), replace(ROBOT, gravity=np.array([-9.81, 0.0, 0.0])))
+    assert found.name == "gravity_direction"
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_load_at_the_flange_is_no_other_unit_of_a_wrist(seed: int) -> None:
+    """It is many times what the description has there; friction, which another unit would change, is as it was."""
+    motion = fourier_motion(ROBOT, 20.0, 200.0, seed)
+    bare = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+    inertias = ROBOT.inertias.copy()
+    inertias[-1] += 3.0 * np.array([0.01, 0.0, 0.0, 0.01, 0.0, 0.002, 0.0, 0.0, 0.05, 1.0])
+    loaded = pinocchio_torque(replace(ROBOT, inertias=inertias), motion.q, motion.dq, motion.ddq)
+    size = np.maximum(np.abs(bare).max(axis=0), 0.02 * np.abs(bare).max())
+    rest = 0.04 * np.sign(motion.dq) + 0.03 * motion.dq + 0.004 * np.random.default_rng(seed).normal(size=bare.shape)
+    assert findings(record(ROBOT, motion, loaded + size * rest)) == []
+    tenfold = np.where(np.arange(6) == 4, 10.0, 1.0)
+    (found,) = findings(record(ROBOT, motion, tenfold * (bare + size * rest)))
+    assert found.name == "torque_scale"
 
 
 def test_a_torque_without_friction_and_inertia_is_a_command() -> None:

@@ -252,3 +252,18 @@ def test_columns_that_are_called_as_they_are_read_are_known_whatever_the_joints_
     assert [found.columns[f"q{j + 1}"] for j in JOINTS] == columns[:6]
     assert [found.columns[f"tau{j + 1}"] for j in JOINTS] == columns[6:]
     assert found.is_sure
+
+
+def test_velocities_of_joints_that_turn_and_slide_are_taken() -> None:
+    """Each in the unit of its kind; in a unit that is not known they are not called anything else."""
+    robot = arm("scara")
+    motion = fourier_motion(robot, 20.0, 100.0, 3)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + np.sign(motion.dq) + motion.dq
+    names = ["t", *(f"{signal}{k + 1}" for signal in ("q", "dq", "tau") for k in range(robot.n))]
+    values = np.column_stack([motion.t, motion.q, motion.dq, tau])
+    assert propose(Sample(tuple(names), values, {}), robot).columns["dq3"] == "dq3"
+    values = np.column_stack([motion.t, motion.q, 7.3 * motion.dq, tau])
+    proposal = propose(Sample(tuple(names), values, {}), robot)
+    assert "dq3" not in proposal.columns
+    reasons = [one.reason for one in proposal.guesses if one.reason.startswith("not used")]
+    assert reasons == ["not used: its unit is not known"]

@@ -277,6 +277,22 @@ def test_obvious_outliers_are_called_corrupted_before_an_import_as_well() -> Non
     assert row.field == "rows/corrupted_samples"
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_rows_whose_drives_are_off_are_no_motion_of_a_proposal(share: float) -> None:
+    """They are left out where columns are guessed, as they are when the file is read."""
+    given = log("ur10", 8)
+    place, off = int(share * len(given.t)), 1000
+    tau = np.insert(given.tau, [place] * off, 0.0, axis=0)
+    q = np.insert(given.q, [place] * off, given.q[place], axis=0)
+    t = np.arange(len(q)) * (given.t[1] - given.t[0])
+    columns = {"t": t} | {f"{s}{k + 1}": values[:, k] for s, values in (("q", q), ("tau", tau)) for k in range(6)}
+    proposal, whole = guess(given.robot, columns), guess(given.robot, given.columns())
+    assert proposal.questions == ()
+    assert [one.field for one in proposal.guesses if one.field.startswith("rows/")] == ["rows/idle_drives"]
+    unexplained = [next(one.value for one in made.guesses if one.field == "check") for made in (proposal, whole)]
+    assert unexplained[0] == unexplained[1]
+
+
 @pytest.mark.parametrize("after", [0.3, 0.6])
 def test_torques_that_step_once_are_told_with_the_time(tmp_path: Path, after: float) -> None:
     """Sensors that are zeroed anew in the middle of a recording; a drift is none."""
@@ -292,6 +308,14 @@ def test_torques_that_step_once_are_told_with_the_time(tmp_path: Path, after: fl
             given.robot, tmp_path, given.columns(tau=given.tau + 0.2 * given.tau.std(axis=0) * drift[:, None])
         )
         assert "torque_step" not in {check.name for check in drifting.checks}
+
+
+def test_a_load_that_is_taken_up_says_nothing_of_units(tmp_path: Path) -> None:
+    """What it adds to friction is that of neither side."""
+    given = log("ur10", 5)
+    loaded = np.array([0.0, -1.0, 1.0, 0.0, 0.0, 0.0]) * (given.t >= 0.5 * given.t[-1])[:, None]
+    taken = read(given.robot, tmp_path, given.columns(tau=given.tau + 4.0 * given.tau.std(axis=0) * loaded))
+    assert [check.name for check in taken.checks if check.status != "ok"] == ["torque_step"]
 
 
 def test_the_time_of_a_step_of_torque_is_right_inside_windows(tmp_path: Path) -> None:

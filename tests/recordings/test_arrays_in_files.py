@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynident.identification.column_inference.file_inspection import read_sample
 from dynident.recordings import RecordingError, file_size_limits
 from dynident.recordings.formats import array_files, open_source
 from dynident.recordings.formats.open_any_format import format_of
@@ -199,3 +200,19 @@ def test_words_of_a_length_that_the_file_only_states_are_not_read(tmp_path):
         file.create_dataset("words", (20,), dtype="S1000000000")
     assert path.stat().st_size < 1_000_000
     assert open_source(path, None).names == ["q1", "q2", "t", "tau1", "tau2"]
+
+
+def test_structures_that_are_named_have_times_of_their_own(tmp_path: Path) -> None:
+    """Simulink's blocks To Workspace: a time beside the signals, which stand deeper and have a label."""
+
+    def structure(label: str, t: np.ndarray) -> dict[str, object]:
+        values = np.column_stack([np.sin(t), np.cos(t)])
+        return {"time": t[:, None], "signals": {"values": values, "label": label}, "blockName": label}
+
+    t = np.arange(200) / 100.0
+    scipy_io.savemat(tmp_path / "out.mat", {"q_meas": structure("q", t[::2]), "tau_meas": structure("tau", t)})
+    sample = read_sample(tmp_path / "out.mat")
+    columns = dict(zip(sample.names, sample.values.T, strict=True))
+    assert {"q1", "q2", "tau1", "tau2"} <= set(columns)
+    np.testing.assert_allclose(columns["tau2"], np.cos(t))
+    np.testing.assert_allclose(columns["q1"][:-1], np.sin(t[:-1]), atol=1e-4)

@@ -57,11 +57,13 @@ def test_runs_in_one_file_are_segments(tmp_path, layout):
 
 def test_letters_and_pulses_of_a_pendant_are_axes(tmp_path):
     run = recorded(*CASES[0])
-    header = ["time[ms]", *(f"{axis} pulse" for axis in "SLURBT"), *(f"{axis} torque[%]" for axis in "SLURBT")]
     values = np.column_stack([1e3 * run.t, np.rint(run.q * 8e4), 2.0 * run.tau])
-    proposal = propose(read_sample(written(tmp_path / "p.csv", table(header, cells(values)))), machine("ur10"))
-    assert [proposal.columns[f"q{k}"] for k in (1, 2, 6)] == ["S pulse", "L pulse", "T pulse"]
-    assert {"units/q", "drives"} >= {question.field for question in proposal.questions} >= {"drives"}
+    # S is no unit of a pulse.
+    for q, tau in (("{} pulse", "{} torque[%]"), ("FB_PULSE_{}", "TORQUE_{}(%)")):
+        header = ["time[ms]", *(name.format(axis) for name in (q, tau) for axis in "SLURBT")]
+        proposal = propose(read_sample(written(tmp_path / "p.csv", table(header, cells(values)))), machine("ur10"))
+        assert [proposal.columns[f"q{k}"] for k in (1, 2, 6)] == [q.format(axis) for axis in "SLT"]
+        assert {"units/q", "drives"} >= {question.field for question in proposal.questions} >= {"drives"}
 
 
 def test_a_file_without_torques_says_which_columns_are_left(tmp_path):

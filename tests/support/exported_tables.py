@@ -244,6 +244,26 @@ def slots_of_a_simulator(folder: Path, run: Recorded) -> Path:
     return written(folder / "slots.csv", table(header, cells(np.column_stack([np.arange(len(run.t)), run.t, *parts]))))
 
 
+def stamps_in_brackets(folder: Path, run: Recorded) -> Path:
+    """Sunrise's log: whole seconds and nanoseconds, their units behind one name."""
+    t = 1.65e9 + 0.25 + run.t
+    stamps = [[f"{int(s)}" for s in t], [f"{round(1e9 * (s % 1.0))}" for s in t]]
+    header = ["Time[s]", "Time[ns]", *counted("msrTrq_{}", run.n), *counted("msrJntPos_{}", run.n)]
+    values = [*stamps, *cells(np.column_stack([run.tau, run.q]))]
+    return written(folder / "log.csv", table(header, values))
+
+
+def messages_of_a_bus(folder: Path, run: Recorded) -> Path:
+    """Decoded frames: a row for each signal, whose message is that of the joint."""
+    rows = [
+        f"{number(t)},DRIVE{k + 1}_STATUS,{name},{number(values[i, k])},{unit}"
+        for i, t in enumerate(run.t)
+        for k in range(run.n)
+        for name, values, unit in (("Position", run.q, "rad"), ("Torque", run.tau, "Nm"))
+    ]
+    return written(folder / "bus.csv", "\n".join(["timestamp,message,signal,value,unit", *rows, ""]))
+
+
 EXPORTED_TABLES: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -252,6 +272,7 @@ EXPORTED_TABLES: dict[str, Layout] = {
         objects_of_joints, records_of_numpy, messages_of_a_simulator, values_beside_their_names, printed_objects,
         structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark, durations_of_iso,
         tags_with_milliseconds_apart, further_axis, slots_of_a_simulator,
+        stamps_in_brackets, messages_of_a_bus,
     )
 }  # fmt: skip
 

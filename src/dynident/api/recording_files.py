@@ -419,13 +419,15 @@ def _join_errors(
     write_remedy: Callable[[Remedy], str],
 ) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
-    texts, checks = [], list[Check]()
+    names_by_text, checks = dict[str, list[str]](), list[Check]()
     for name, error in failures:
         # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
         further = [f"\n    also {check.name.replace('_', ' ')}: {_word(check, write_remedy)}" for check in own]
-        texts.append(f"{name}: {_word(error, write_remedy)}{''.join(further)}")
+        names_by_text.setdefault(f"{_word(error, write_remedy)}{''.join(further)}", []).append(name)
         checks += [replace(check, detail=_word(check, write_remedy)) for check in error.checks]
+    # Files of one logger lack the same, which is said once.
+    texts = [f"{', '.join(names)}: {text}" for text, names in names_by_text.items()]
     _, first = failures[0]
     further_lines = [contradiction] if contradiction else []
     if len(failures) == 1:

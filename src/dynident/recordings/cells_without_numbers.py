@@ -21,8 +21,9 @@ from dynident.recordings.time_columns import are_times, is_time_name, parse_seco
 
 _LONGEST = 256
 _ABOUT = Path("meta") / "info.json"
-_DEEPEST = 3
-"""Folders above a file of a data set that its description is looked for in: data/chunk-000/file-000.parquet."""
+_DATA, _DEEPEST = "data", 3
+"""Folder of a data set that its files lie in, and folders above a file that it is looked for in:
+data/chunk-000/file-000.parquet."""
 
 
 def list_columns(first: pa.RecordBatch) -> dict[str, int]:
@@ -120,10 +121,9 @@ def make_counted_names(name: str, length: int) -> tuple[str, ...]:
 
 def _read_stated_names(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
     """Return the names of a data set's lists, by column and length; none if the file lies in no data set."""
-    # A data set lies in folders of its own: its description is looked for in the nearest ones above the file.
-    about = next(
-        (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
-    )
+    # Of another data set above or beside the file nothing is told: its description stands beside the folder of data.
+    roots = (folder.parent for folder in path.absolute().parents[:_DEEPEST] if folder.name == _DATA)
+    about = next((candidate for root in roots if (candidate := root / _ABOUT).is_file()), None)
     try:
         features = json.loads(about.read_text(encoding="utf-8"))["features"] if about is not None else {}
         named = {name: _flatten_names(feature.get("names")) for name, feature in features.items()}
@@ -407,7 +407,24 @@ def find_label_columns(
         if name not in (*labels, *source.texts) and not is_time_name(name) and not _OF_ROWS.search(name)
     ]
     running = _find_running_columns(source, others)
-    return labels, [name for name in others if name not in running], bool(joints)
+    others = [name for name in others if name not in running]
+    return _add_further_labels(labels, texts) if len(others) == 1 and not joints else labels, others, bool(joints)
+
+
+def _add_further_labels(labels: tuple[str, ...], texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Return the labels, and further columns that tell signals of the same name apart, such as that of the message.
+
+    A few words tell signals apart; a unit does not, as it goes with the signal, nor do remarks.
+    """
+    n_rows = len(texts[labels[0]])
+    for name in texts:
+        named, finer = (
+            {row for row in zip(*(texts[label] for label in own), strict=True) if all(row)}
+            for own in (labels, (*labels, name))
+        )
+        if name not in labels and len(named) < len(finer) <= min(_MOST_JOINTS, n_rows // 2):
+            labels = tuple(other for other in texts if other in (*labels, name))
+    return labels
 
 
 def _find_running_columns(source: FileSource, names: Sequence[str]) -> set[str]:

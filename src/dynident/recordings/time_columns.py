@@ -386,16 +386,17 @@ def sum_increments(source: FileSource) -> FileSource:
 
 
 _FRACTION = re.compile(
-    r"^(?P<whose>.*?)(?P<part>nano|micro|milli|n|u|µ|m)[_ ]?(?P<seconds>secs?|seconds)$", re.IGNORECASE
+    r"^(?P<whose>.*?)(?P<part>nano|micro|milli|n|u|µ|m)[_ ]?(?:secs?|seconds|s)(?P<end>[\])]?)$", re.IGNORECASE
 )
 _PARTS = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "mi": 1e-6, "m": 1e-3}
-_WORDS = ("sec", "secs", "seconds")
+_WORDS = ("sec", "secs", "seconds", "s")
 
 
 def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str, float]]:
     """Return pairs of columns, and what the second counts, by their common name.
 
-    `stamp.sec` and `stamp.nanosec` are `stamp.time`; microseconds and milliseconds likewise.
+    `stamp.sec` and `stamp.nanosec` are `stamp.time`, `Time[s]` and `Time[ns]` are `Time`; microseconds and milliseconds
+    likewise.
     """
     pairs: dict[str, tuple[str, str, float]] = {}
     plain = {name.casefold(): name for name in names}
@@ -405,8 +406,9 @@ def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str, float]]:
             continue
         # Nanoseconds alone are a time as well: only beside seconds of the same name are they a part of one.
         stem = match["whose"].casefold()
-        whole = next((plain[candidate] for word in _WORDS if (candidate := f"{stem}{word}") in plain), None)
-        ours = f"{match['whose']}time"
+        seconds = (f"{stem}{word}{match['end']}" for word in _WORDS)
+        whole = next((plain[candidate] for candidate in seconds if candidate in plain), None)
+        ours = match["whose"].rstrip(" [(_") if match["end"] else f"{match['whose']}time"
         if whole is not None and ours not in names and ours not in pairs:
             part = match["part"].casefold()
             pairs[ours] = whole, name, _PARTS["mi" if part == "micro" else part[0]]
@@ -432,6 +434,17 @@ def _find_milliseconds(source: FileSource) -> dict[str, tuple[str, str, float]]:
     is_next = steps == 1.0
     is_clock = bool(is_next.any() and (is_next | (steps == 0.0)).all() and (np.diff(part)[is_next] < 0.0).all())
     return {_TIME: (times[0], parts[0], 1e-3)} if is_part and is_clock else {}
+
+
+def _is_split(source: FileSource, whole: str, part: str, scale: float) -> bool:
+    """Tell whether a column has whole seconds, and another one less than a second: each may be a whole time."""
+    first = next(source.batches([whole, part]), None)
+    if first is None:
+        return False
+    seconds, rest = (to_float_column(first, name, 0) for name in (whole, part))
+    has_both = np.isfinite(seconds) & np.isfinite(rest)
+    seconds, rest = seconds[has_both], scale * rest[has_both]
+    return bool((seconds == np.round(seconds)).all() and ((rest >= 0.0) & (rest <= 1.0)).all())
 
 
 class SplitStampSource(FileSource):
@@ -464,5 +477,6 @@ class SplitStampSource(FileSource):
 
 def join_split_stamps(source: FileSource) -> FileSource:
     """Return the file with its time joined, if it stands in two columns; else the same object."""
-    pairs = find_stamp_pairs(source.names) or _find_milliseconds(source)
+    pairs = find_stamp_pairs(source.names)
+    pairs = {name: pair for name, pair in pairs.items() if _is_split(source, *pair)} or _find_milliseconds(source)
     return SplitStampSource(source, pairs) if pairs else source

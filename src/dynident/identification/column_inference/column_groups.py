@@ -26,7 +26,6 @@ from dynident.robot import Robot
 
 _POSITIONS: tuple[Signal, ...] = ("q",)
 _EFFORTS: tuple[Signal, ...] = ("tau", "current", "effort")
-_OF_JOINTS: tuple[Signal, ...] = ("q", "dq", *_EFFORTS)
 _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
 """rad or m: a locked joint's position below the first is 0; one above the second is no angle in radians."""
 
@@ -51,10 +50,10 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
     used = set(columns.values())
+    # The time is that of no joint; velocities that are not used have told why.
+    signals = {column.signal for column in named if column.name in used} & {"q", "dq", *_EFFORTS}
     known = {word for column in named if column.name in used for word in column.words}
-    strange = [
-        column for column in named if column.signal in _OF_JOINTS and column.rank < 4 and column.name not in used
-    ]
+    strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
     return [column.name for column in strange if not set(column.words) <= known]
 
 

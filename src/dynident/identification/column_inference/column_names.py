@@ -39,9 +39,11 @@ _WORDS: dict[Signal, frozenset[str]] = {
     "segment": _split_words("segment run episode"),
 }
 _OTHER = _split_words(
-    "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
+    "tcp cartesian cart force fx fy fz quaternion quat digital analog io state_id safety voltage volt "
     "power payload gripper error err residual bits"
 )
+_STATES = _split_words("status mode")
+"""Words of a state where they stand last; before a signal they say in which message it was sent."""
 _WAVES = {"cos": "sin", "sin": "cos", "cosine": "sine", "sine": "cosine"}
 """Words that say that a column is the sine or the cosine of an angle, where the other of the two is there, too."""
 _COMMANDED = _split_words(
@@ -316,8 +318,10 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
     if stated is None and words[-2:] in (("nano", "sec"), ("nano", "secs")):
         return words[:-2], "ns"
     if stated is None and len(words) >= 2 and words[-1] in _SUFFIXES:
-        # A single letter counts as a unit, too: i_1_a is in amperes.
-        return words[:-1], _UNITS[words[-1]]
+        # A single letter counts as a unit, too: i_1_a is in amperes. Of another signal it is an axis: pulse_s.
+        signal = _classify_signal([word for word in words[:-1] if not word.isdigit()])
+        if len(words[-1]) > 1 or signal in (None, "effort", get_signal_of_unit(_UNITS[words[-1]])):
+            return words[:-1], _UNITS[words[-1]]
     return words, stated
 
 
@@ -327,6 +331,8 @@ def _classify_signal(plain: list[str]) -> Signal | None:
         return "other"
     kind: Signal | None = None
     for word in plain:
+        if word in _STATES:
+            kind = "other"
         for signal, known in _WORDS.items():
             if word not in known or (word == "i" and len(plain) > 2):
                 continue

@@ -7,16 +7,14 @@ The results become guesses and questions of the proposal.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError, Remedy
-from dynident.identification.column_inference.column_groups import ColumnGroup
-from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
 from dynident.identification.column_inference.metadata_proposal import SURE, Guess, Question, UnitGuess
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
@@ -31,56 +29,11 @@ from dynident.number_format import format_percent
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_import import condition_arrays
-from dynident.recordings.recording_metadata import COMMANDED, Check, RecordingError
+from dynident.recordings.recording_metadata import COMMANDED, Check
 from dynident.recordings.time_columns import RunLabels
 from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
-
-
-def condition_sample(
-    fits: DynamicsFits, rows: Sample, position: ColumnGroup, effort: ColumnGroup, q: FloatArray
-) -> tuple[FloatArray, FloatArray, list[Guess]]:
-    """Correct positions and efforts as an import will, and report the corrections.
-
-    Parameters
-    ----------
-    fits : DynamicsFits
-        Fits of the robot to the sample.
-    rows : Sample
-        The rows with a time.
-    position, effort : ColumnGroup
-        Columns of the positions, and of the torques or currents.
-    q : (m, n)
-        Positions in rad or m.
-
-    Returns
-    -------
-    q, efforts : (m, n)
-        Positions in rad or m, and efforts as the file has them.
-    guesses : list of Guess
-        What was corrected.
-    """
-    positions, efforts = list(position.columns), list(effort.columns)
-    known = np.where(np.isfinite(rows.values[:, positions]), q, np.nan)
-    try:
-        right, measured, checks = fits.condition_signals(known, rows.values[:, efforts])
-    except RecordingError:
-        # An error here is about the time, which is asked about elsewhere.
-        return q, fill_gaps(rows.values[:, efforts]), []
-    joints = fits.robot.joint_names
-    names = dict(zip((f"q_{name}" for name in joints), positions, strict=True))
-    names |= dict(zip((f"tau_{name}" for name in joints), efforts, strict=True))
-    put_right = []
-    for check in checks:
-        if check.status != "ok":
-            detail = check.detail
-            for ours, column in names.items():
-                # The checks use the names of a stored recording; the user knows only the file's.
-                detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
-            put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail, check.remedies))
-    return fill_gaps(right), fill_gaps(measured), put_right
-
 
 FEWEST_ROWS, FEWEST_POSES = 200, 10
 """Rows below which a motion is too short to be filtered and fitted; and poses below which gravity is not fitted: a
@@ -95,6 +48,10 @@ class DynamicsFits:
         self._t = t
         self.from_commands = False
         self._segment = RunLabels().label_rows(0, t) if segment is None else segment.astype(np.int64)
+
+    def select_rows(self, rows: BoolArray) -> Self:
+        """Return fits to some rows (m,) of the sample."""
+        return type(self)(self.robot, self._t[rows], self._segment[rows].astype(np.float64))
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         """Return the sample as a recording; None where it is too short.

@@ -30,7 +30,7 @@ from dynident.identification.column_inference.column_statistics import (
     mask_outliers,
     restore_masked,
 )
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits, NoFits, PoseFits, condition_sample
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, NoFits, PoseFits
 from dynident.identification.column_inference.metadata_proposal import Proposal, Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
@@ -174,8 +174,7 @@ class _ColumnInference(WorkingProposal):
         if q is not None:
             values = restore_masked(self.sample.values, whole.values)
             rows = replace(self.sample, values=values[good])
-            q, tau, put_right = condition_sample(self.fits, rows, position, effort, q)
-            self.values[:, list(effort.columns)] = tau
+            q, self.fits, put_right = self.condition_rows(self.fits, rows, position, effort, q)
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
             self.guesses += put_right
@@ -403,17 +402,17 @@ class _ColumnInference(WorkingProposal):
                 for j, joint in enumerate(self.robot.joints)
             ]
             fine = [g is not None and own[j] > SLOPE for j, g in enumerate(guesses)]
-            kinds = {joint.kind for joint in self.robot.joints}
+            usual = {"rad/s" if joint.kind == "revolute" else "m/s" for joint in self.robot.joints}
             same = {g.unit for j, g in enumerate(guesses) if g is not None and moving[j]}
-            if all(fine[j] for j in np.flatnonzero(moving)) and len(kinds) == 1 and len(same) == 1:
+            # Joints that turn and joints that slide have one unit only in SI.
+            if all(fine[j] for j in np.flatnonzero(moving)) and (same == usual or len(usual) == len(same) == 1):
                 self.assign_columns("dq", group)
-                usual = "rad/s" if kinds == {"revolute"} else "m/s"
-                (unit,) = same
-                self.take_unit("dq", of_units.UnitGuess(unit, 0.97, "it is the derivative of the positions"), usual)
+                unit = of_units.UnitGuess(", ".join(sorted(same)), 0.97, "it is the derivative of the positions")
+                self.take_unit("dq", unit, ", ".join(sorted(usual)))
             else:
-                self.add_guess(
-                    "columns/dq", self.name_columns(group), 0.5, "not used: it is not the derivative of these positions"
-                )
+                are_slopes = bool((own[moving] > SLOPE).all())
+                why = "its unit is not known" if are_slopes else "it is not the derivative of these positions"
+                self.add_guess("columns/dq", self.name_columns(group), 0.5, f"not used: {why}")
 
     def _guess_efforts(self, effort: ColumnGroup, q: FloatArray, kind: EffortKind) -> EffortKind:
         tau = self.values[:, list(effort.columns)]

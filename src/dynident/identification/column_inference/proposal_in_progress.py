@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,7 +13,7 @@ from dynident.errors import Remedy
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName, read_names
-from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
 from dynident.identification.column_inference.dynamics_fits import (
     DynamicsFits,
     TorqueScales,
@@ -23,7 +24,7 @@ from dynident.identification.column_inference.metadata_proposal import Guess, Qu
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT
 from dynident.recordings.columns_to_signals import NOT_RECORDED, compute_servo_error
 from dynident.recordings.conditioning.signed_registers import decode_registers
-from dynident.recordings.recording_metadata import EffortKind
+from dynident.recordings.recording_metadata import EffortKind, RecordingError
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
 
@@ -131,6 +132,58 @@ class WorkingProposal:
         self.sample.values[:, columns] = register.decode(self.sample.values[:, columns])
         detail = f"{self.name_columns(group)} are signed numbers read as unsigned: {register}. They are corrected."
         self.add_guess("rows/registers", "corrected", 0.95, detail)
+
+    def condition_rows(
+        self, fits: DynamicsFits, rows: Sample, position: ColumnGroup, effort: ColumnGroup, q: FloatArray
+    ) -> tuple[FloatArray, DynamicsFits, list[Guess]]:
+        """Correct positions and efforts as an import will, and keep the rows that it will use.
+
+        Parameters
+        ----------
+        fits : DynamicsFits
+            Fits of the robot to the sample.
+        rows : Sample
+            The rows with a time.
+        position, effort : ColumnGroup
+            Columns of the positions, and of the torques or currents.
+        q : (m, n)
+            Positions in rad or m.
+
+        Returns
+        -------
+        q : (k, n)
+            Positions in rad or m.
+        fits : DynamicsFits
+            Fits to these rows.
+        guesses : list of Guess
+            What was corrected.
+        """
+        positions, efforts = list(position.columns), list(effort.columns)
+        known = np.where(np.isfinite(rows.values[:, positions]), q, np.nan)
+        try:
+            right, measured, checks = fits.condition_signals(known, rows.values[:, efforts])
+        except RecordingError:
+            # An error here is about the time, which is asked about elsewhere.
+            self.values[:, efforts] = fill_gaps(rows.values[:, efforts])
+            return q, fits, []
+        joints = fits.robot.joint_names
+        names = dict(zip((f"q_{name}" for name in joints), positions, strict=True))
+        names |= dict(zip((f"tau_{name}" for name in joints), efforts, strict=True))
+        put_right = []
+        for check in checks:
+            if check.status != "ok":
+                detail = check.detail
+                for ours, column in names.items():
+                    # The checks use the names of a stored recording; the user knows only the file's.
+                    detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
+                put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail, check.remedies))
+        # Rows in which the drives are off, or samples are missing for long, must not be filled: they hold no torque.
+        used = np.asarray(np.isfinite(np.hstack([right, measured])).all(axis=1))
+        if not used.any():
+            used = np.ones(len(used), dtype=bool)
+        self.values[:, efforts] = fill_gaps(measured)
+        self.t, self.values = self.t[used], self.values[used]
+        return fill_gaps(right)[used], fits.select_rows(used), put_right
 
     def take_unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
         """Take a guessed unit, and ask where it is not sure.

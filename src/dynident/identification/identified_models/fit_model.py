@@ -226,7 +226,7 @@ def _warn_of_overfit(identification: Identification) -> list[str]:
         return [
             f"The error on validation data is {format_percent(held_out.relative_total, decimals=1)}, but "
             f"{format_percent(fit.relative_total, decimals=1)} in the fit: the data do not determine the model, or the "
-            "validation motion shows effects that the identification motion did not show."
+            "validation motion shows effects that the identification motion did not show, such as another load."
         ]
     return []
 

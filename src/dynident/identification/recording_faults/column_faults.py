@@ -481,11 +481,10 @@ def _order_chains(kind: FaultKind, chains: Sequence[Sequence[int]], sources: Seq
 def _list_faults_of_many_joints(moving: BoolArray) -> Iterator[ColumnFault]:
     """Yield signs of all joints, and sizes of the torques of all joints from one on, as of two makes of drives."""
     n = len(moving)
-    if moving.sum() > 1:
-        # Positions and torques both turned round are a mirrored arm on the ceiling, which the direction of gravity
-        # tells.
-
-        yield from (ColumnFault(kind, tuple(range(n))) for kind in TURNS[:2])
+    # Positions and torques both turned round are a mirrored arm on the ceiling, which the direction of gravity tells.
+    # Torques of joints at rest tell nothing; their positions do, by the load of the one that moves.
+    kinds = TURNS[:2] if moving.sum() > 1 else TURNS[1:2]
+    yield from (ColumnFault(kind, tuple(range(n))) for kind in kinds if n > 1)
     for first in range(1, n - 1):
         if moving[first:].sum() > 1:
             yield from (ColumnFault("torque scaled", tuple(range(first, n)), factor) for factor in FACTORS)

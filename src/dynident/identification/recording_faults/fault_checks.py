@@ -83,9 +83,7 @@ it."""
 _MASSES = "Torques do not match the masses of the description: "
 _FRICTION = "Friction is far larger than on the other joints, or than the drive can overcome: "
 
-_OTHER_CAUSES = (
-    " If columns and signs are right, check gravity in the description, the zeros of the joints and the drive gains."
-)
+_OTHER_CAUSES = " If columns and signs are right, check gravity, the zeros of the joints and the drive gains."
 
 
 class DynamicsCheck(NamedTuple):
@@ -167,7 +165,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, otherwise, q)
     if from_start is not None:
         return DynamicsCheck((from_start, *described), as_is)
-    mounted = None if _is_explained_by_one(faults, now) else find_other_mounting(machine, motion, as_is)
+    is_known = _is_explained_by_one(faults, now)
+    mounted = None if is_known else find_other_mounting(machine, bands[band:], judges.plain_fit)
     # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):
         faults = ()
@@ -183,14 +182,15 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         findings: tuple[Check, ...] = (_report_mounting(mounted, machine),)
     elif faults:
         findings = tuple(_report_fault(finding, recording, q, tau) for finding in faults)
+    elif steps := report_torque_steps(motion, recording, tau, judges):
+        findings = (*_report_compensated(machine, motion, tau), *steps)
     else:
-        # Sizes are looked at only where order and signs are right: a wrong column has any size.
-        off_scale = find_torque_scales(machine, motion, find_excess_of_motion(machine, motion, judges))
-        findings = _report_scales(off_scale, recording, tau)
+        # Sizes are looked at only where order and signs are right: a wrong column has any size, and so has a step.
+        excess, frictions = find_excess_of_motion(machine, motion, judges), judges.plain_fit.measure_frictions(motion)
+        findings = _report_scales(find_torque_scales(machine, motion, excess, frictions), recording, tau)
         if all(check.status == "ok" for check in findings) and not recording.torque_from_commands:
             # A delay can only be estimated once all torques are in the same unit; of servos, play looks like one.
             findings = (*_check_delay(machine, *bands[band], tau, judges), *findings)
-        findings = (*report_torque_steps(motion, recording, tau, judges), *findings)
         # Gravity that was taken out would make masses look wrong, so it is reported first.
         findings = (*_report_compensated(machine, motion, tau), *findings)
     return DynamicsCheck((*passed, *findings, *described), as_is)

@@ -28,6 +28,7 @@ from dynident.identification.recording_faults.description_fit import Description
 from dynident.identification.recording_faults.joint_angle_faults import (
     ANGLE_FAULTS,
     estimate_zeros,
+    find_parallel_axes,
     list_angle_faults,
     refine_zero_by_masses,
 )
@@ -48,7 +49,7 @@ from dynident.identification.recording_faults.torque_scale import (
     is_nearer_to_others,
     refine_factor_by_masses,
 )
-from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes, list_chains
+from dynident.identification.recording_faults.tree_fit import find_moving_joints, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
     SURELY_ON,
@@ -194,7 +195,8 @@ def search_faults(
             break
         fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
         mended = step.fault.mend(motion)
-        if judge is judges.plain_fit and _compute_fall(judges.offset_fit, motion, mended) < BESIDE_OFFSETS * fall:
+        scores = (judges.offset_fit.measure_unexplained(rows).score for rows in (motion, mended))
+        if judge is judges.plain_fit and next(scores) - next(scores) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same, so the search goes on with constant torques in the model.
             judge = judges.offset_fit
             now = judge.measure_unexplained(motion)
@@ -211,11 +213,6 @@ def search_faults(
         findings.append(DetectedFault(step.fault, step.alike, *left, certain))
         motion, now = mended, step.unexplained
     return tuple(findings), now
-
-
-def _compute_fall(judge: HeldOutFit, motion: Motion, mended: Motion) -> float:
-    """Return how much the score falls without a fault."""
-    return judge.measure_unexplained(motion).score - judge.measure_unexplained(mended).score
 
 
 _Trial = tuple[ColumnFault, UnexplainedTorque]
@@ -422,10 +419,12 @@ class _TorqueEvidence:
 
 
 def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
-    """Tell whether neither masses nor friction refute a fault.
-
-    Where the friction of some joints is too large, a scaled torque has to be among them.
-    """
+    """Tell whether neither masses nor friction refute a fault; too much friction is that of a scaled torque."""
+    if fault.kind == "torques swapped":
+        # Joints at rest hold a load against gravity as others move it, but no friction.
+        has_friction = find_joints_with_friction(sizes.frictions) | find_joints_with_friction(-sizes.frictions)
+        joints = list(fault.joints)
+        return bool(find_moving_joints(motion)[joints].all()) or not bool(has_friction[joints].any())
     if fault.kind != "torque scaled":
         return True
     # A torque that is too small still drives its joint, unless the motor is off.
@@ -494,7 +493,6 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
         return delay
     # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
     # by the way in which it breaks loose.
-    driven = find_driving_joints(thin_out(motion), surely=False) | find_joints_with_friction(
-        judge.measure_frictions(thin_out(motion))
-    )
+    few = thin_out(motion)
+    driven = find_driving_joints(few, surely=False) | find_joints_with_friction(judge.measure_frictions(few))
     return replace(delay, is_fault=bool(driven.sum() > 1))

@@ -5,6 +5,7 @@ Holds how much load, motion and fit that takes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -14,6 +15,7 @@ import scipy
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import measure_left_by_description
+from dynident.identification.recording_faults.rows_for_fault_search import thin_out
 from dynident.identification.recording_faults.torque_scale import KNOWN, find_revolute_joints
 from dynident.identification.recording_faults.tree_fit import BLOCKS
 from dynident.identification.recording_faults.unexplained_torque import (
@@ -302,7 +304,7 @@ def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
     return without is not None and any(left is not None and left < without - _BORNE_OUT for left in with_it)
 
 
-def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) -> Mounting | None:
+def find_other_mounting(robot: Robot, bands: Sequence[tuple[Motion, float]], judge: HeldOutFit) -> Mounting | None:
     """Find another direction of gravity that surely explains more than the stated one; else None.
 
     It is judged by the joint that is explained worst: gravity of a wall is in the first joint's torque alone, where a
@@ -312,18 +314,25 @@ def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) ->
     ----------
     robot : Robot
         The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    now : UnexplainedTorque
-        Unexplained shares with the stated gravity.
+    bands : sequence of Motion and float
+        Rows of the recording by cut-offs, from `filter_for_search`. The first that shows another direction decides:
+        narrow ones show that of an elastic arm.
+    judge : HeldOutFit
+        That of the robot.
     """
     if not np.linalg.norm(robot.gravity) > 1.0:
         return None
-    if now.worst_share >= _POOR:
-        mounting = find_mounting(robot, motion)
-        if mounting.is_sure and now.is_surely_above(mounting.explains) and mounting.unexplained < _EXPLAINED:
-            return mounting
-    return _find_mounting_by_masses(robot, motion, now) if _has_masses(robot) else None
+    for whole, _ in bands:
+        motion = thin_out(whole)
+        now = judge.measure_unexplained(motion)
+        if now.worst_share >= _POOR:
+            mounting = find_mounting(robot, motion)
+            if mounting.is_sure and now.is_surely_above(mounting.explains) and mounting.unexplained < _EXPLAINED:
+                return mounting
+        by_masses = _find_mounting_by_masses(robot, motion, now) if _has_masses(robot) else None
+        if by_masses is not None:
+            return by_masses
+    return None
 
 
 def _find_mounting_by_masses(robot: Robot, motion: Motion, now: UnexplainedTorque) -> Mounting | None:

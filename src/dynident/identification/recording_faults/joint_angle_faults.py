@@ -17,7 +17,7 @@ from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import MIXINGS, ZEROS, ColumnFault, Motion
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
 from dynident.identification.recording_faults.torque_scale import find_revolute_joints
-from dynident.identification.recording_faults.tree_fit import find_moving_joints, find_parallel_axes
+from dynident.identification.recording_faults.tree_fit import find_moving_joints
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
     LEAST_FINE,
@@ -31,6 +31,9 @@ from dynident.robot.robot_model import Robot
 
 ZERO, ANGLE_FAULTS = "joint_zero", ("joint zero", "joints mixed")
 
+_PARALLEL = 0.999
+"""Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""
+
 _AT_START = 1e-3
 """Share of its motion up to which a joint's first position is 0."""
 _POOR = 0.1
@@ -43,6 +46,21 @@ _TRIES, _STEPS = 200, 30
 """Fits of the rough search, and steps down the slope."""
 _FLAT, _BESIDE = 0.02, np.deg2rad(5.0)
 """Logarithm by which the score has to rise beside a zero, and how far beside, for the data to tell it."""
+
+
+def find_parallel_axes(robot: Robot) -> BoolArray:
+    """Return which joints (n,) turn about an axis parallel to that of the joint before.
+
+    Their angles may be counted together. None are named for a robot whose joints follow others.
+    """
+    parallel = np.zeros(robot.n, dtype=bool)
+    for k in range(1, robot.n if robot.linkage is None else 0):
+        joint, before = robot.joints[k], robot.joints[k - 1]
+        if joint.parent != k - 1 or {joint.kind, before.kind} != {"revolute"}:
+            continue
+        across = np.asarray(joint.placement)[:3, :3] @ np.asarray(joint.axis)
+        parallel[k] = abs(float(across @ np.asarray(before.axis))) > _PARALLEL
+    return parallel
 
 
 def begins_at_zero(recording: Recording, motion: Motion) -> bool:

@@ -13,7 +13,7 @@ from dynident.array_types import FloatArray, IntArray
 from dynident.effects import OFFSETS
 from dynident.errors import DynidentError
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.tree_fit import BLOCKS, find_moving_joints
+from dynident.identification.recording_faults.tree_fit import BLOCKS, find_joints_at_rest, find_moving_joints
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY,
     HeldOutFit,
@@ -129,6 +129,9 @@ def filter_whole_motion(recording: Recording, *, octaves: int = 0) -> tuple[Moti
     # Blocks of consecutive rows: held out one by one, they test a fit on motion that it has not seen.
     block: IntArray = np.arange(len(whole)) * BLOCKS // len(whole)
     q, dq, ddq, tau = (np.ascontiguousarray(signal) for signal in np.split(whole, 4, axis=1))
+    # The noise of joints at rest is no motion: a fit of their links to it would need many rows, and tell nothing.
+    still = find_joints_at_rest(dq)
+    q[:, still], dq[:, still], ddq[:, still] = np.median(q[:, still], axis=0), 0.0, 0.0
     return Motion(q, dq, ddq, tau, block, t), short.period * choice.decimation
 
 
@@ -210,4 +213,6 @@ def report_torque_steps(
 
 def has_enough_rows(motion: Motion, judge: HeldOutFit, times: float = 1.0) -> bool:
     """Tell whether there are enough rows to decide anything, and so many times more."""
-    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= times * _ROWS_PER_COLUMN * judge.n_columns
+    return len(thin_out(motion).q) * int(
+        find_moving_joints(motion).sum()
+    ) >= times * _ROWS_PER_COLUMN * judge.count_columns(motion)

@@ -247,7 +247,9 @@ class TorqueScale:
     by_friction: bool = False
 
 
-def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tuple[TorqueScale, ...] | None:
+def find_torque_scales(
+    robot: Robot, motion: Motion, excess: Mapping[int, float], frictions: FloatArray | None = None
+) -> tuple[TorqueScale, ...] | None:
     """Return the joints whose torques are in another unit.
 
     Parameters
@@ -258,6 +260,8 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
         Filtered rows of the recording.
     excess : mapping of int to float
         Joints whose friction is too large, and how many times, from `find_excess_friction`.
+    frictions : (blocks, n), optional
+        As in `find_excess_friction`.
 
     Returns
     -------
@@ -284,6 +288,15 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
         for joint, times in explained.items()
         if not 1.0 / FAR < times < FAR and (times > 1.0 or driving[joint])
     }
+    fair = [joint for joint in range(robot.n) if joint not in far]
+    if frictions is not None and len(fair) > 1:
+        # In another unit friction would be off the same way: alone the load is that of a tool without a description.
+        beside = {joint: np.where(np.isin(np.arange(robot.n), [joint, *fair]), frictions, np.nan) for joint in far}
+        far = {
+            joint: times
+            for joint, times in far.items()
+            if is_nearer_to_others(robot, beside[joint], joint, 0.9 if times > 1.0 else 1.1)
+        }
     # A joint that carries most of the arm needs little of its load to tell that a torque is far too large: neither
     # friction nor a load at the flange is several times that. A motor that is off looks too small in any joint.
     for joint in np.flatnonzero(_find_bearing_joints(robot, motion)):

@@ -19,9 +19,6 @@ from dynident.identification.recording_faults.column_faults import Motion
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot.robot_model import Robot
 
-_PARALLEL = 0.999
-"""Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""
-
 BLOCKS = 10
 """Blocks of time that a motion is cut into."""
 
@@ -231,21 +228,6 @@ def list_chains(robot: Robot) -> list[list[int]]:
     return chains
 
 
-def find_parallel_axes(robot: Robot) -> BoolArray:
-    """Return which joints (n,) turn about an axis parallel to that of the joint before.
-
-    Their angles may be counted together. None are named for a robot whose joints follow others.
-    """
-    parallel = np.zeros(robot.n, dtype=bool)
-    for k in range(1, robot.n if robot.linkage is None else 0):
-        joint, before = robot.joints[k], robot.joints[k - 1]
-        if joint.parent != k - 1 or {joint.kind, before.kind} != {"revolute"}:
-            continue
-        across = np.asarray(joint.placement)[:3, :3] @ np.asarray(joint.axis)
-        parallel[k] = abs(float(across @ np.asarray(before.axis))) > _PARALLEL
-    return parallel
-
-
 class TreeFit:
     """Fits of some joints of a robot that share no parameter with the others.
 
@@ -268,6 +250,12 @@ class TreeFit:
     def n_columns(self) -> int:
         """Number of parameters."""
         return len(self._independent)
+
+    def count_columns(self, motion: Motion) -> int:
+        """Return the rank of W of a motion: joints at rest leave parameters out, or lump them together."""
+        inner = self._get_rows(motion, self._select(motion)).inner[-1].sum(axis=0)
+        scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
+        return int(np.linalg.matrix_rank(inner / np.outer(scale, scale), hermitian=True))
 
     def solve(self, motion: Motion) -> TreeSolution:
         """Solve for a motion; the solutions of a few are kept, as most candidates change few joints."""
@@ -496,5 +484,10 @@ def _compute_weights(noise: FloatArray) -> FloatArray:
 
 def find_moving_joints(motion: Motion) -> BoolArray:
     """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
-    speed = np.sqrt((motion.dq**2).mean(axis=0))
-    return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))
+    return np.asarray(~find_joints_at_rest(motion.dq) & (np.ptp(motion.tau, axis=0) > 0))
+
+
+def find_joints_at_rest(dq: FloatArray) -> BoolArray:
+    """Return which joints (n,) do not move beside the others, by velocities (m, n)."""
+    speed = np.sqrt((dq**2).mean(axis=0))
+    return np.asarray(speed <= _STILL * speed.max(initial=0.0))

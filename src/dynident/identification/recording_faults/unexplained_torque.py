@@ -162,10 +162,15 @@ class HeldOutFit:
             for (joints, observation), independent in zip(_build_observations(robot, more), parameters, strict=True)
         ]
 
-    @property
-    def n_columns(self) -> int:
-        """Number of independent parameters."""
-        return sum(tree.n_columns for tree in self._trees)
+    def count_columns(self, motion: Motion) -> int:
+        """Return how many independent parameters a motion has anything to do with.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording.
+        """
+        return sum(tree.count_columns(motion) for tree in self._trees)
 
     def measure_unexplained(self, motion: Motion) -> UnexplainedTorque:
         """Return the unexplained shares of a motion's torque, each block of time predicted from the others.

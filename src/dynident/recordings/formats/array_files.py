@@ -9,7 +9,7 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import IO, Any
 
@@ -223,20 +223,21 @@ class ArrayFileSource(FileSource):
         self.stated_rate = _find_stated_rate(arrays)
         deep = next((array for array in arrays if len(array.shape) > 2), None)
         arrays = [array for array in arrays if 1 <= len(array.shape) <= 2 and min(array.shape) > 0]
-        runs, left_out = _find_runs(arrays)
+        labelled = _name_by_labels(arrays)
+        runs, left_out = _find_runs(labelled)
         if runs:
-            arrays = _chain_runs(runs)
+            labelled = _chain_runs(runs)
             self.own_remarks = (
                 f"The file holds {len(runs)} runs with the same signals: they are read one behind another, each as a "
                 f"segment of its own{_describe_left_out(left_out)}.",
             )
         elif joined := _join_clocks(arrays):
-            arrays = joined
+            labelled = _name_by_labels(joined)
             self.own_remarks = (
                 "Groups of arrays have times of their own: they are read at those of the longest, on a straight line "
                 "between two samples.",
             )
-        arrays = [array for array in arrays if max(array.shape) >= FEWEST_ROWS]
+        arrays = [array for array in labelled if max(array.shape) >= FEWEST_ROWS]
         if not arrays:
             raise RecordingError(_describe_no_arrays(deep), title=TITLE)
         # Arrays do not say which of their axes is time: it is the length that they share.
@@ -358,26 +359,32 @@ def _chain_runs(runs: Sequence[dict[str, StoredArray]]) -> list[StoredArray]:
     return [*signals, StoredArray("segment", (total,), number_runs)]
 
 
+def _name_by_labels(arrays: Sequence[StoredArray]) -> list[StoredArray]:
+    """Return the arrays by their labels; of several that are called alike, each keeps the name of its place."""
+    called = Counter(name for array in arrays for name in {array.name, array.label or array.name})
+    return [replace(array, name=array.label) if called[array.label] == 1 else array for array in arrays]
+
+
 def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
     """Return arrays of groups of different lengths at the times of the longest; nothing where not all have a time."""
+    arrays = [array for array in arrays if max(array.shape) >= FEWEST_ROWS]
+    clocks = {
+        re.split(r"[./][^./]*$", array.name)[0]: array
+        for array in reversed(arrays)
+        if math.prod(array.shape) == max(array.shape) and is_time_name(array.name) and re.search(r"[./]", array.name)
+    }
     groups: dict[str, list[StoredArray]] = {}
     for array in arrays:
-        group = re.split(r"[./][^./]*$", array.name)[0]
-        if max(array.shape) < FEWEST_ROWS:
-            continue
-        if group == array.name:
-            return []  # it has no group, and so belongs to the times of none
-        groups.setdefault(group, []).append(array)
-    clocks = {
-        group: next((own for own in members if math.prod(own.shape) == max(own.shape) and is_time_name(own.name)), None)
-        for group, members in groups.items()
-    }
-    timed = {group: max(clock.shape) for group, clock in clocks.items() if clock is not None}
-    if len(timed) < len(groups) or len(set(timed.values())) < 2:
+        # A time is that of all that stands in its group, and deeper.
+        around = [group for group in clocks if array.name.startswith((f"{group}.", f"{group}/"))]
+        if not around:
+            return []  # it belongs to the times of none
+        groups.setdefault(max(around, key=len), []).append(array)
+    timed = {group: max(clock.shape) for group, clock in clocks.items()}
+    if len(set(timed.values())) < 2:
         return []
     main = max(timed, key=lambda group: timed[group])
     main_clock = clocks[main]
-    assert main_clock is not None
     joined = [array for array in groups[main] if timed[main] in array.shape]
     # What is read at other times is held in memory, and all clocks are.
     n_held = timed[main] + sum(math.prod(own.shape) for group in groups if group != main for own in groups[group])
@@ -385,7 +392,7 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
         return []
     t = _read_clock(main_clock)
     for group, clock in clocks.items():
-        own = _read_clock(clock) if group != main and clock is not None else t
+        own = _read_clock(clock) if group != main else t
         if not (np.diff(own) > 0.0).all() or own[0] > t[-1] or t[0] > own[-1]:
             return []
         members = [array for array in groups[group] if array is not clock and timed[group] in array.shape]
@@ -410,7 +417,7 @@ def _resample(array: StoredArray, own: FloatArray, t: FloatArray) -> StoredArray
         part = t[first:last]
         return np.column_stack([np.interp(part, own, column, left=np.nan, right=np.nan) for column in load().T])
 
-    return StoredArray(array.name, (len(t), math.prod(array.shape) // len(own)), read)
+    return StoredArray(array.name, (len(t), math.prod(array.shape) // len(own)), read, array.label)
 
 
 def _describe_no_arrays(deep: StoredArray | None) -> str:

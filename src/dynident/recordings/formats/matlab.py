@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
@@ -66,17 +65,11 @@ def open_matlab(path: Path) -> ArrayFileSource:
         For a file that cannot be read.
     """
     try:
-        return ArrayFileSource(_name_by_labels(list(_read_arrays(path.open("rb")))))
+        return ArrayFileSource(list(_read_arrays(path.open("rb"))))
     except RecordingError:
         raise
     except (ValueError, OSError, zlib.error) as error:
         raise RecordingError(f"The file cannot be read as MAT: {error}", title=TITLE) from error
-
-
-def _name_by_labels(arrays: Sequence[StoredArray]) -> list[StoredArray]:
-    """Return the arrays by their labels; of several that are called alike, each keeps the name of its place."""
-    called = Counter(name for array in arrays for name in {array.name, array.label or array.name})
-    return [replace(array, name=array.label) if called[array.label] == 1 else array for array in arrays]
 
 
 def _read_arrays(file: IO[bytes]) -> Iterator[StoredArray]:
