@@ -14,14 +14,9 @@ from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName, read_names
 from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
-from dynident.identification.column_inference.dynamics_fits import (
-    DynamicsFits,
-    TorqueScales,
-    compare_with_description,
-    find_units_by_joint,
-)
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, find_units_by_joint
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
-from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT
+from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_servo_gains
 from dynident.recordings.columns_to_signals import NOT_RECORDED, compute_servo_error
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind, RecordingError
@@ -387,9 +382,8 @@ class WorkingProposal:
         """
         fits.from_commands = True
         self.assign_columns("q_command", command)
-        self.add_guess(
-            "effort_kind", "position_command", 0.9, "there is no torque, and the joints follow these commands"
-        )
+        followed = "there is no torque, and the joints follow these commands"
+        self.add_guess("effort_kind", "position_command", 0.9, followed)
         error = np.array(self.values[:, list(command.columns)])  # in the unit of the positions
         for index, joint in enumerate(self.robot.joints):
             for key in (f"q{index + 1}", "q"):
@@ -401,17 +395,7 @@ class WorkingProposal:
         gains = [drive.gain for drive in self.robot.drives]
         if None not in gains:
             return np.asarray(error * np.array(gains, dtype=float))
-        motion = fits.to_motion(q, error)
-        scales = None if motion is None or not len(motion.q) else compare_with_description(self.robot, motion)
-        described = "" if scales is None else f" {_describe_servo_gains(scales)}"
-        self.add_question(
-            "drives",
-            f"{self.name_columns(command)} are commands, and no torque was recorded. If position servos follow them, "
-            "the torque is gain x (command - position): give the drive gains of the joints in N m/rad, a servo's stall "
-            f"torque times the duty that its P coefficient makes of 1 rad.{described} A Feetech STS3215 with the P "
-            "coefficient 16, which LeRobot writes, has about 7.8 at 12 V and 5.1 at 7.4 V. If all gains are wrong by "
-            "one factor, all masses and all friction are wrong by it, and no error shows it.",
-        )
+        self.questions.append(ask_for_servo_gains(fits, self.name_columns(command), q, error))
         return error
 
     def assign_columns(self, signal: str, group: ColumnGroup) -> None:
@@ -514,10 +498,3 @@ class WorkingProposal:
             elif signal == "current":
                 factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
         return factors
-
-
-def _describe_servo_gains(scales: TorqueScales) -> str:
-    """Say with which gains the description's masses explain the position errors."""
-    gains = np.sort(1.0 / np.abs(scales.values[scales.trusted]))
-    span = f" ({gains[0]:.2g} to {gains[-1]:.2g} by joint)" if len(gains) > 1 else ""
-    return f"The masses of the description need gains of {float(np.median(gains)):.2g}{span}."

@@ -433,3 +433,35 @@ def _has_load(robot: Robot, motion: Motion) -> bool:
 
 def _remove_gravity(robot: Robot) -> Robot:
     return replace(robot, gravity=np.zeros(3))
+
+
+def ask_for_servo_gains(fits: DynamicsFits, names: str, q: FloatArray, error: FloatArray) -> Question:
+    """Ask for the gains of position servos, with those that the masses of the description need.
+
+    Parameters
+    ----------
+    fits : DynamicsFits
+        Of the sample.
+    names : str
+        What the file calls the columns of the commands.
+    q, error : (m, n)
+        Positions, and how far the commands are ahead of them, in rad or m.
+    """
+    motion = fits.to_motion(q, error)
+    scales = None if motion is None or not len(motion.q) else compare_with_description(fits.robot, motion)
+    described = "" if scales is None else f" {_describe_servo_gains(scales)}"
+    return Question(
+        "drives",
+        f"{names} are commands, and no torque was recorded. If position servos follow them, the torque is gain x "
+        "(command - position): give the drive gains of the joints in N m/rad, a servo's stall torque times the duty "
+        f"that its P coefficient makes of 1 rad.{described} A Feetech STS3215 with the P coefficient 16, which LeRobot "
+        "writes, has about 7.8 at 12 V and 5.1 at 7.4 V. If all gains are wrong by one factor, all masses and all "
+        "friction are wrong by it, and no error shows it.",
+    )
+
+
+def _describe_servo_gains(scales: TorqueScales) -> str:
+    """Say with which gains the description's masses explain the position errors."""
+    gains = np.sort(1.0 / np.abs(scales.values[scales.trusted]))
+    span = f" ({gains[0]:.2g} to {gains[-1]:.2g} by joint)" if len(gains) > 1 else ""
+    return f"The masses of the description need gains of {float(np.median(gains)):.2g}{span}."
