@@ -104,3 +104,11 @@ def test_a_frame_of_texts_with_decimal_commas_is_read_as_numbers(runs: dy.Record
     written = frame.assign(q_elbow=[f"{value:.9f}".replace(".", ",") for value in frame["q_elbow"]])
     plain, texts = (dy.read_recordings(data, robot=robot)[0].to_table()["q_elbow"] for data in (frame, written))
     np.testing.assert_allclose(texts, plain, atol=1e-8)
+
+
+def test_commas_that_may_part_thousands_are_no_decimals(runs: dy.Recordings, robot: dy.Robot) -> None:
+    pytest.importorskip("pandas")
+    frame = runs[0].to_frame("pandas").drop(columns="segment")
+    frame["q_elbow"] = [f"1,{index % 1000:03d}" for index in range(len(frame))]
+    with pytest.raises(dy.RecordingError, match="q_elbow"):
+        dy.read_recordings(frame, robot=robot)

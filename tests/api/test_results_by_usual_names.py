@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -60,6 +61,7 @@ def test_models_and_diagnoses_are_pickled(model: dy.Model, found: dy.DiagnosedMo
     # As from a file: a temporary file of a recording may be gone by then.
     with pytest.raises(dy.DynidentError, match="with_data"):
         again.extend("stribeck@elbow")
+    assert len(copy.deepcopy(model).recordings) == len(copy.copy(model).recordings) == 1
     kept = pickle.loads(pickle.dumps(found))
     assert kept.recommended == found.recommended
     assert kept.why_not("stribeck@elbow") == found.why_not("stribeck", "elbow")
@@ -87,6 +89,8 @@ def test_joined_recordings_have_names_of_their_own(robot: dy.Robot, runs: dy.Rec
     ]
     both = dy.read_recordings(data[0], robot=robot) + dy.read_recordings(data[1], robot=robot)
     assert both.names == ("recording", "recording_2")
+    revised = dy.revise(runs[0], name="lap.2")
+    assert (runs + revised).names == ("run1", "run2", "lap.2")
     assert set(both.to_table()["recording"]) == set(both.names)
 
 

@@ -180,6 +180,7 @@ def test_python_itself_says_which_argument_is_missing(desk_of_slips: Desk) -> No
     [
         (lambda model: model.cov_params, "use covariance"),
         (lambda model: model.paramters, "did you mean 'parameters'"),
+        (lambda model: model.identificaton, "did you mean 'identification'"),
         (lambda model: model.params.loc, r"to_frame\(\)\.loc"),
         (lambda model: model.residuals().plot, r"to_frame\(\)\.plot"),
     ],
@@ -187,3 +188,9 @@ def test_python_itself_says_which_argument_is_missing(desk_of_slips: Desk) -> No
 def test_a_name_of_other_packages_leads_to_ours(find: Callable[[Any], object], words: str, model: dy.Model) -> None:
     with pytest.raises(AttributeError, match=words):
         find(model)
+
+
+def test_a_name_leads_to_nothing_that_the_class_lacks(runs: dy.Recordings) -> None:
+    with pytest.raises(AttributeError) as raised:
+        runs.score  # type: ignore[attr-defined]  # noqa: B018
+    assert "held_out" not in str(raised.value)

@@ -147,7 +147,7 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
         try:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
-            check_names(function.__name__, kwargs, signature.parameters)
+            check_names(function.__qualname__.removesuffix(".__init__"), kwargs, signature.parameters)
             # Python's own message about missing arguments is better than that of `bind`.
             return function(*args, **kwargs)
         for name, value in given.items():
@@ -171,11 +171,15 @@ ELSEWHERE: Mapping[str, str] = {
     "identifiable": 'parameters.to_frame()["judgement"]',
     "why": "why_not(effect, joint)",
     "explain": "why_not(effect, joint)",
-    "loc": 'table["row", "column"], or to_frame().loc',
-    "values": "numpy.asarray(table)",
+    "loc": 'to_frame().loc, or table["row", "column"]',
+    "values": "to_frame().values",
     "plot": "to_frame().plot(…)",
 }
 """Where results have what statsmodels, scikit-learn and pandas call so."""
+
+
+def _is_public(name: str) -> bool:
+    return not name.startswith("_")
 
 
 class KnownNames:
@@ -188,8 +192,11 @@ class KnownNames:
             text = f"{type(self).__name__} has no attribute {name!r}"
             # Names with an underscore are asked for by programs, which try many.
             if not name.startswith("_"):
-                known = [item for item in dir(type(self)) if not item.startswith("_")]
-                text += f"; use {ELSEWHERE[name]}" if name in ELSEWHERE else suggest_names(name, known)
+                known = {*dir(type(self)), *getattr(type(self), "__dataclass_fields__", ())}
+                other = ELSEWHERE.get(name, "")
+                # Only what this class has, or what a function of ours gives.
+                fits = any(other.startswith(start) for start in known) or other.startswith("dynident.")
+                text += f"; use {other}" if other and fits else suggest_names(name, filter(_is_public, known))
             raise AttributeError(text, name=name, obj=self)
 
 

@@ -60,7 +60,14 @@ class Model(ModelResults):
 
     def __reduce__(self) -> tuple[object, ...]:
         # As in a file: temporary files of recordings may be gone when a pickle is read.
-        return (Model, (self.identification,))
+        return (type(self), (self.identification,))
+
+    def __copy__(self) -> Model:
+        return self
+
+    def __deepcopy__(self, memo: object) -> Model:
+        # Nothing of a model can be changed, so a copy would be the same; a pickle would lose the recordings.
+        return self
 
     @property
     def _held_out(self) -> tuple[Recording, ...]:

@@ -130,24 +130,15 @@ class ModelResults(KnownNames):
     @property
     def correlation(self) -> Table:
         """Correlation of the base parameters by name, −1 to 1: `model.correlation["Fc1", "Fv1"]`."""
-        matrix, deviations = (
-            self.identification.statistics.covariance,
-            self.identification.statistics.standard_deviations,
-        )
-        # A parameter that was set has no deviation.
-        scale = np.where(deviations > 0, deviations, np.nan)
-        names = self._names
+        names, matrix, scale = self._names, self.identification.statistics.covariance, self._deviations
         columns = {name: matrix[:, k] / (scale * scale[k]) for k, name in enumerate(names)}
         return Table(columns, labels=names, label_name="parameter", title="Correlation of the base parameters")
 
     @property
     def tvalues(self) -> Table:
         """Base parameters divided by their standard deviations, by name: `model.tvalues["Fc1"]`."""
-        deviations = self.identification.statistics.standard_deviations
-        ratios = self.identification.values / np.where(deviations > 0, deviations, np.nan)
-        return Table(
-            {"t": ratios}, labels=self._names, label_name="parameter", title="Parameters over their deviations"
-        )
+        ratios, title = self.identification.values / self._deviations, "Parameters over their standard deviations"
+        return Table({"t": ratios}, labels=self._names, label_name="parameter", title=title)
 
     def conf_int(self, level: float = 0.95) -> Table:
         """Return the intervals that hold the true values of the parameters, by Student's t.

@@ -24,7 +24,7 @@ from dynident.presentation.recording_tables import (
     format_windows,
 )
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
-from dynident.recordings.file_names_and_digests import compute_digest, make_unique_names, split_path
+from dynident.recordings.file_names_and_digests import compute_digest, number_repeated_names, split_path
 from dynident.recordings.row_storage import StoredSamples, load_stored_samples
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
@@ -273,7 +273,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
     def __add__(self, other: SomeRecordings) -> Recordings:
         added = as_recordings(other).items
         # Data from memory have the same name unless one is stated; tables and models tell recordings apart by it.
-        names = make_unique_names(Path(item.name) for item in (*self.items, *added))[len(self.items) :]
+        names = number_repeated_names([item.name for item in (*self.items, *added)])[len(self.items) :]
         renamed = (
             item if item.name == name else replace(item, recording=replace(item.recording, name=name))
             for item, name in zip(added, names, strict=True)

@@ -145,7 +145,11 @@ def _from_frame(frame: Any) -> pa.Table:
 
 
 def _read_decimal_commas(texts: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Return texts such as "-1,117" as numbers; other texts as they are."""
+    """Return texts such as "-1,117" as numbers; other texts as they are, and those whose commas may part thousands."""
+    thousands = compute.match_substring_regex(texts, r"^[+-]?[1-9]\d{0,2}(,\d{3})+$")
+    commas = compute.match_substring(texts, ",")
+    if compute.all(compute.equal(thousands, commas)).as_py():
+        return texts
     try:
         return compute.replace_substring(texts, ",", ".").cast(pa.float64())
     except pa.ArrowInvalid:

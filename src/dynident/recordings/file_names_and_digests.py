@@ -74,14 +74,24 @@ def make_unique_names(paths: Iterable[Path]) -> list[str]:
     list of str
         The names, in the order of the files.
     """
-    names: list[str] = []
-    for path in paths:
-        stem = split_path(path)[0].stem
+    return number_repeated_names([split_path(path)[0].stem for path in paths])
+
+
+def number_repeated_names(names: Iterable[str]) -> list[str]:
+    """Return names with a number behind those that were there before.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The names.
+    """
+    unique: list[str] = []
+    for stem in names:
         name, count = stem, 2
-        while name in names:
+        while name in unique:
             name, count = f"{stem}_{count}", count + 1
-        names.append(name)
-    return names
+        unique.append(name)
+    return unique
 
 
 def split_path(path: Path) -> list[Path]:

@@ -67,6 +67,7 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   const cards = () => [...forms.querySelectorAll(":scope > form")];
   join.addEventListener("click", () => {
     const parts = cards().filter((card) => card.files.length);
+    if (!parts.length) return;
     const [file, ...further] = parts.flatMap((card) => card.files);
     for (const card of parts) card.leave();
     forms.append(fileCard({ file, further, role: role(file.name) }, hands));

@@ -84,7 +84,7 @@ export function fileCard({ file = null, further = [], found = null, role }, { me
     const places = asks("columns/q") || asks("columns/tau");
     put(
       robotsFacts,
-      robotButtons(found.questions.flatMap((one) => one.remedies ?? []), robotsFacts),
+      robotButtons(found.questions.flatMap((one) => one.remedies ?? []), doing),
       gains ? h("details", { open: true }, h("summary", {}, ofServos ? "The gains of these servos, in N m per rad between command and position" : "The drive gains of these currents"), drivesOf(robot, onRobot)) : null,
       places ? h("details", {}, h("summary", {}, "The file has no columns for some joints: are they locked?"), placesOf(robot, onRobot)) : null,
     );

@@ -10,7 +10,7 @@ const OF_RECORDING = new Set(["columns", "units", "signs", "scale", "skip", "rat
 
 /** A sentence whose remedies are written as what is to be done on this page. */
 export function inPageWords(sentence, remedies, joints = []) {
-  return (remedies ?? []).reduce((text, one) => (one.text ? text.replaceAll(one.text, remedyInWords(one, joints)) : text), sentence);
+  return (remedies ?? []).reduce((text, one) => (one.text ? text.replaceAll(one.text, () => remedyInWords(one, joints)) : text), sentence);
 }
 
 function remedyInWords({ field, value }, joints) {
@@ -20,6 +20,7 @@ function remedyInWords({ field, value }, joints) {
   if (field === "contacts") return "the robot's fields of its base";
   if (field === "columns" && open) return `the table of columns below (${Object.keys(value).map((one) => editInWords({ units: { [one]: "" } }, joints).replace(/ in $/, "")).join(", ")})`;
   if (field === "rate" && value === null) return "the field “Rows per second”";
+  if (open) return `“${field.replaceAll("_", " ")}”`;
   if (field === "gravity") return `gravity (${value.map((one) => number(one)).join(", ")}) m/s²`;
   if (field === "locked_joints") return `“Joints that are locked” (${Object.entries(value).map(([name, at]) => (at ? `${name} at ${number(at)}` : name)).join(", ")})`;
   return `“${editInWords({ [field]: value }, joints)}”`;
@@ -37,10 +38,12 @@ export function actionOf({ apply, remedies }) {
 export function robotButton(remedy, robot, onRobot, onError) {
   const make = async () => {
     const { request, id, name } = robot;
-    const before = request[remedy.field];
-    const value = remedy.field === "locked_joints" ? { ...before, ...remedy.value } : remedy.value;
+    const locks = remedy.field === "locked_joints";
+    const value = locks ? { ...request.locked_joints, ...remedy.value } : remedy.value;
+    // A joint that is locked has no drive.
+    const drives = Object.fromEntries(Object.entries(request.drives ?? {}).filter(([joint]) => !locks || !(joint in value)));
     try {
-      onRobot(await post("/robots", { ...request, meshes_of: id, name: `${name} as it is mounted`.slice(0, 200), [remedy.field]: value }));
+      onRobot(await post("/robots", { ...request, drives, meshes_of: id, name: `${name} as it is mounted`.slice(0, 200), [remedy.field]: value }));
       announce("The new robot is chosen");
     } catch (error) {
       onError(error);

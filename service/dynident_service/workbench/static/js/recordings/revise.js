@@ -5,12 +5,15 @@ import { announce, h, put } from "../dom.js";
 import { givenUp } from "../jobs.js";
 import { go } from "../page_address.js";
 import { problemBox } from "../problem.js";
+import { withEdit } from "./revision_edits.js";
 
 /** Ask for a revision and go to it; how it stands is shown in `target`, and what was chosen stays if it fails. */
 export async function revise(measurement, edit, target) {
   const { signal } = givenUp("Checking the file again", target);
   try {
-    const made = await post(`/measurements/${measurement.id}/revisions`, edit, { signal });
+    // A revision states all steps that are left out.
+    const stated = edit.skip ? { ...edit, skip: withEdit({ skip: measurement.request.skip }, edit).skip } : edit;
+    const made = await post(`/measurements/${measurement.id}/revisions`, stated, { signal });
     announce(`${made.name} is stored`);
     go({ view: "recording", measurement: made.id });
   } catch (error) {

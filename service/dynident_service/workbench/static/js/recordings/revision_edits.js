@@ -9,12 +9,13 @@ export function editInWords(edit, joints) {
   const words = {
     windows: (all) => (all.length ? `use ${stretchesInWords(all)}` : "use all of it"),
     exclude: (all) => (all.length ? `leave out ${stretchesInWords(all)}` : "leave nothing out"),
-    columns: (map) => Object.entries(map).map(([ours, theirs]) => `${signalInWords(ours, joints)} from column ${theirs}`).join(", "),
+    columns: (map) => Object.entries(map).map(([ours, theirs]) => (theirs === "none" ? `no ${signalInWords(ours, joints)}` : `${signalInWords(ours, joints)} from column ${theirs}`)).join(", "),
     units: (map) => Object.entries(map).map(([kind, unit]) => `${signalInWords(kind, joints)} in ${unit}`).join(", "),
     permutation: (map) => Object.entries(map).map(([kind, order]) => `${KINDS[kind]} in the order ${order.join(", ")}`).join(", "),
     signs: (map) => Object.entries(map).map(([signal, sign]) => `${signalInWords(signal, joints)} ${sign < 0 ? "with the opposite sign" : "as in the file"}`).join(", "),
     scale: (map) => Object.entries(map).map(([signal, factor]) => `${signalInWords(signal, joints)} times ${number(factor)}`).join(", "),
     torque_delay: (delay) => `torque ${number(1000 * delay)} ms late`,
+    effort_kind: (kind) => `${kind.replaceAll("_", " ")} as what the torque is`,
     zeros: (map) => Object.entries(map).map(([signal, zero]) => `${signalInWords(signal, joints)} counted from ${number(zero)}`).join(", "),
     skip: (steps) => `without the correction ${steps.map((one) => one.replaceAll("_", " ")).join(", ")}`,
     rate: (rate) => `${number(rate)} rows per second`,
@@ -35,7 +36,9 @@ export function withEdit(metadata, edit) {
   for (const [name, value] of Object.entries(edit)) {
     if (value === null) continue;
     const isMap = typeof value === "object" && !Array.isArray(value);
-    merged[name] = isMap ? { ...metadata[name], ...value } : value;
+    // Steps that are left out stay so when another one is.
+    const joined = name === "skip" ? [...new Set([...(metadata[name] ?? []), ...value])] : value;
+    merged[name] = isMap ? { ...metadata[name], ...value } : joined;
   }
   return merged;
 }
