@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 from support.hidden_effects import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment, hysteresis
 
 from dynident.diagnosis import diagnose
+from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.diagnosis_summary import rank_findings
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.finding_refinement import merge_findings_with_close_constants
 from dynident.diagnosis.search.search_state import Finding
@@ -72,6 +74,19 @@ def test_constants_that_come_out_nearly_the_same_are_the_same():
     assert not are_nearly_alike(presliding(NAMES[0], 0.010, 1.0), presliding(NAMES[1], 0.010, -1.0))
 
 
+def found_on(choice: EffectChoice) -> Finding:
+    """A finding that removes all of the error of its own joints, where each joint has its number as its error."""
+    joints = tuple(NAMES.index(name) for name in choice.joints)
+    before = np.tile(np.arange(1.0, len(NAMES) + 1.0), (4, 1))
+    after = before.copy()
+    after[:, joints] = 0.0
+    scores = ScoredCandidate(
+        Candidate(choice.effect, choice.joints, choice.shape, ()), joints, before, after, 1.0, 1.0, 9.0,
+        (before - after).sum(axis=1), 1.0, np.ones(1), 1.0, before.sum(axis=0), after.sum(axis=1),
+    )  # fmt: skip
+    return Finding(scores, (), 0.001)
+
+
 def test_slips_too_short_for_the_data_to_tell_are_one():
     limit = np.full(len(NAMES), 0.001)
     resolved = Resolution(limit, limit, limit, np.ones(len(NAMES)))
@@ -79,11 +94,23 @@ def test_slips_too_short_for_the_data_to_tell_are_one():
 
     def left(slip: float) -> list[EffectChoice]:
         choices = (presliding(NAMES[1], slip, -1.0), five)
-        findings = [Finding(cast(Any, choice), (), 0.001) for choice in choices]
-        return list(merge_findings_with_close_constants(findings, choices, ROBOT, resolved)[1])
+        return list(merge_findings_with_close_constants([*map(found_on, choices)], choices, ROBOT, resolved)[1])
 
     assert left(0.0005) == [replace(five, joints=NAMES)]
     assert left(0.004) == [presliding(NAMES[1], 0.004, -1.0), five]
+
+
+def test_what_is_merged_is_told_of_the_joints_that_are_left():
+    limit = np.full(len(NAMES), 0.001)
+    choices = tuple(presliding(NAMES[j], 0.004, 1.0) for j in (5, 1))
+    (finding,), (choice,) = merge_findings_with_close_constants(
+        [*map(found_on, choices)], choices, ROBOT, Resolution(limit, limit, limit, np.ones(len(NAMES)))
+    )
+    assert (finding.judged.joints, choice.joints) == ((1, 5), (NAMES[1], NAMES[5]))
+    # The one that was found first may drop out: what is told is then what the other explains.
+    (ranked,) = rank_findings([finding], [replace(choice, joints=(NAMES[1],))], {})
+    assert ranked.joints == (NAMES[1],)
+    assert ranked.error_drop == pytest.approx(1.0)
 
 
 def test_effects_without_constants_or_of_other_runs_stay_apart():

@@ -158,7 +158,9 @@ def _narrow_to_joints(scored: ScoredCandidate, choice: EffectChoice) -> ScoredCa
         return scored
     joints = scored.joints
     if len(joints) == len(candidate.joints):
-        joints = tuple(j for j, name in zip(joints, candidate.joints, strict=True) if name in choice.joints)
+        own = tuple(j for j, name in zip(joints, candidate.joints, strict=True) if name in choice.joints)
+        # Scores that belong to none of them are those of the joints that they were found on.
+        joints = own or joints
     return replace(scored, joints=joints, candidate=replace(candidate, joints=choice.joints))
 
 

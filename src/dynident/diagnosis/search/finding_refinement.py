@@ -88,19 +88,40 @@ def merge_findings_with_close_constants(
             same and all(is_sharper_than_resolved(choice, robot, resolved) for choice in (first, second))
         )
 
-    merged: list[tuple[Finding, EffectChoice]] = []
-    for finding, choice in sorted(zip(findings, choices, strict=True), key=lambda pair: -len(pair[1].joints)):
-        alike = next((k for k, (_, other) in enumerate(merged) if are_alike(other, choice)), None)
+    merged: list[tuple[int, Finding, EffectChoice]] = []
+    numbered = zip(range(len(findings)), findings, choices, strict=True)
+    for number, finding, choice in sorted(numbered, key=lambda item: -len(item[2].joints)):
+        alike = next((k for k, (_, _, other) in enumerate(merged) if are_alike(other, choice)), None)
         if alike is None:
-            merged.append((finding, choice))
-        else:
-            both = {*merged[alike][1].joints, *choice.joints}
-            own = tuple(name for name in robot.tree.joint_names if name in both)
-            merged[alike] = merged[alike][0], replace(merged[alike][1], joints=own)
+            merged.append((number, finding, choice))
+            continue
+        first, kept, larger = merged[alike]
+        own = tuple(name for name in robot.tree.joint_names if name in {*larger.joints, *choice.joints})
+        judged = _join_scores(kept.judged, finding.judged, own)
+        merged[alike] = first, replace(kept, judged=judged), replace(larger, joints=own)
     # Merging went from large groups to small; the ranking keeps the order in which things were found.
-    order = {id(finding): k for k, finding in enumerate(findings)}
-    merged.sort(key=lambda pair: order[id(pair[0])])
-    return tuple(finding for finding, _ in merged), tuple(choice for _, choice in merged)
+    merged.sort(key=lambda item: item[0])
+    return tuple(finding for _, finding, _ in merged), tuple(choice for _, _, choice in merged)
+
+
+def _join_scores(first: ScoredCandidate, second: ScoredCandidate, names: tuple[str, ...]) -> ScoredCandidate:
+    """Return the scores of one effect on the joints of both: any of these may drop out later on."""
+    # An effect of one joint that acts on others, too, has no errors of its own joint alone.
+    if not all(len(scored.joints) == len(scored.candidate.joints) for scored in (first, second)):
+        return first
+    places = dict(
+        zip((*first.candidate.joints, *second.candidate.joints), (*first.joints, *second.joints), strict=True)
+    )
+    before, after, columns = first.before.copy(), first.after.copy(), list(second.joints)
+    before[:, columns], after[:, columns] = second.before[:, columns], second.after[:, columns]
+    return replace(
+        first,
+        candidate=replace(first.candidate, joints=names),
+        joints=tuple(places[name] for name in names),
+        before=before,
+        after=after,
+        gains=first.gains + second.gains,
+    )
 
 
 def _split_finding(state: State, finding: Finding) -> list[Finding]:
