@@ -33,7 +33,7 @@ EXIT_MISSED = 3
 """Exit code of a campaign that ended without reaching its goal."""
 # Seconds between two looks for a recording, and how long its size must not have changed.
 _LOOK, _SETTLED = 0.5, 2.0
-_LONGEST_END = 10.0
+_LONGEST_END = 30.0
 """Seconds that a command may take to stop the robot and end."""
 UNFINISHED = ".part"
 """Ending of the file to which a command may write the rows so far; a run that goes wrong is then stopped early."""
