@@ -19,14 +19,17 @@ from typer.testing import CliRunner
 import dynident as dy
 from dynident.advice.campaign import add_run, decide, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.payload_goal import PayloadErrors
 from dynident.advice.prediction_error import (
     RegionRows,
+    _pool_inflation,
     build_measure,
     compute_effect_errors,
     compute_region_rows,
     follows_design,
     predict_errors,
 )
+from dynident.estimation.parameter_covariance import compute_sandwich_covariance
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values
@@ -207,6 +210,27 @@ def test_a_joint_that_the_region_never_loads_is_judged_by_its_noise():
     errors = predict_errors(state.identification, rows, following.design, state.seconds)
     assert np.isfinite(errors).all()
     assert (rows.torque >= state.identification.noise).all()
+
+
+def test_the_promise_for_a_load_that_only_one_covariance_shows_is_a_number_above_zero():
+    _, state, following = first_run()
+    identification = state.identification
+    covariance = identification.statistics.covariance
+    # Larger by its pooled covariance than by its own; the mass is between the bounds at which each shows it.
+    pooled = compute_sandwich_covariance(
+        identification.data.training, identification.estimate.solution, _pool_inflation(identification)
+    )
+    own, other = (1.96 * np.sqrt(np.diag(matrix)) for matrix in (covariance, pooled))
+    column = int(np.argmax(other / own))
+    assert other[column] > own[column]
+    values = np.array([0.5 * (own[column] + other[column]), 0.1])
+    indices, freedom = np.array([column, (column + 1) % len(own)]), np.array([20.0, 20.0])
+    measure = PayloadErrors(("centre_x",), indices, values, freedom, np.array([0.01]))
+    assert np.isfinite(measure.compute_errors(covariance, 20.0)).all()
+    assert np.isinf(measure.compute_errors(pooled, 20.0)).all()
+    for repetitions in (0.0, 1e6):
+        errors = predict_errors(identification, measure, following.design, state.seconds, repetitions)
+        assert (errors > 0).all()
 
 
 def test_the_region_of_recordings_holds_their_states():
