@@ -308,7 +308,7 @@ class Done:
     """A future that is done."""
 
     def __init__(self, value) -> None:
-        self.value = value
+        self.value, self.waits = value, 0
 
     def done(self) -> bool:
         return self.value is not None
@@ -319,10 +319,6 @@ class Done:
 
 class Later(Done):
     """A future that is done only once it was waited for again."""
-
-    def __init__(self, value) -> None:
-        super().__init__(value)
-        self.waits = 0
 
     def done(self) -> bool:
         return self.waits > 1
@@ -379,8 +375,7 @@ def ros(monkeypatch):
             return robot.answer(Handle())
 
     def spin(node, future, timeout_sec) -> None:
-        if isinstance(future, Later):
-            future.waits += 1
+        future.waits += 1
         if robot.moves and not robot.cancelled:
             for k, point in enumerate(robot.goal["trajectory"]["points"]):
                 publish(k, point["positions"])
