@@ -5,7 +5,7 @@
 Each joint of the motion has a position controller with gravity compensation; nothing compensates friction, so that
 joints stick where the motion reverses. `frictionloss`, `damping` and `armature` of the joints come from the scene, its
 actuators are not used. The recording has positions as an encoder counts them and the torque of the controllers with
-noise. A run that touches something or does not follow is ended with its reason, and leaves no recording.
+noise. A run in which the arm touches something or does not follow is ended with its reason, and leaves no recording.
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ def read_motion(path: Path) -> Motion:
     """Read the columns t, q_NAME and dq_NAME of a motion."""
     names = path.read_text(encoding="utf-8").split("\n", 1)[0].strip().split(",")
     rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    if len(rows) < 2:
+        raise RunEndedError(f"{path} has no motion")
     joints = [name.removeprefix("q_") for name in names if name.startswith("q_")]
     q, dq = (rows[:, [names.index(kind + joint) for joint in joints]] for kind in ("q_", "dq_"))
     return Motion(joints, rows[:, names.index("t")], q, dq)
@@ -86,6 +88,9 @@ def simulate_motion(path: Path, motion: Motion) -> tuple[FloatArray, FloatArray,
     for j, dof in enumerate(dofs):
         mujoco.mj_mulM(model, data, column, np.eye(model.nv)[dof])
         inertia[j] = column[dof]
+    moved = np.isin(np.arange(model.nbody), model.dof_bodyid[dofs])
+    for body, parent in enumerate(model.body_parentid):
+        moved[body] |= moved[parent]
     rate = 2 * np.pi * BANDWIDTH
     stiffness, damping = inertia * rate**2, 2 * inertia * rate
     times = np.arange(0.0, motion.t[-1] + 0.5 * STEP, STEP)
@@ -99,10 +104,12 @@ def simulate_motion(path: Path, motion: Motion) -> tuple[FloatArray, FloatArray,
         q[k], tau[k] = data.qpos[positions], torque
         data.qfrc_applied[dofs] = torque
         mujoco.mj_step(model, data)
-        if data.ncon:
-            first = data.contact[0]
-            bodies = [model.body(int(model.geom_bodyid[geom])).name for geom in (first.geom1, first.geom2)]
-            raise RunEndedError(f"{' and '.join(bodies)} touch after {time:.2f} s")
+        for contact in data.contact:
+            bodies = [int(model.geom_bodyid[geom]) for geom in (contact.geom1, contact.geom2)]
+            # Things in the scene may touch each other, and a margin makes contacts of what is near.
+            if contact.dist < 0 and moved[bodies].any():
+                names = " and ".join(model.body(body).name for body in bodies)
+                raise RunEndedError(f"{names} touch after {time:.2f} s")
         apart = np.abs(data.qpos[positions] - wanted[k])
         if not (apart < LARGEST_ERROR).all():
             joint = motion.joints[int(np.argmax(apart))]
@@ -127,18 +134,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--noise", type=float, default=0.005, help="torque noise over the largest torque of the joint")
     parser.add_argument("--seed", type=int, help="seed of the noise; by default another one in each run")
     given = parser.parse_args(arguments)
-    motion = read_motion(given.motion)
     try:
+        motion = read_motion(given.motion)
         times, q, tau = simulate_motion(given.scene, motion)
-    except RunEndedError as error:
+        rng = np.random.default_rng(given.seed)
+        noise = given.noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+        model = mujoco.MjModel.from_xml_path(str(given.scene))
+        is_linear = [model.joint(joint).type[0] == mujoco.mjtJoint.mjJNT_SLIDE for joint in motion.joints]
+        count = np.where(is_linear, 0.1, 2 * np.pi) / COUNTS
+        write_recording(given.recording, motion, np.column_stack([times, np.round(q / count) * count, tau + noise]))
+    except (RunEndedError, OSError, ValueError) as error:
         print(f"run ended: {error}", file=sys.stderr)
         return 1
-    rng = np.random.default_rng(given.seed)
-    noise = given.noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
-    model = mujoco.MjModel.from_xml_path(str(given.scene))
-    is_linear = [model.joint(joint).type[0] == mujoco.mjtJoint.mjJNT_SLIDE for joint in motion.joints]
-    count = np.where(is_linear, 0.1, 2 * np.pi) / COUNTS
-    write_recording(given.recording, motion, np.column_stack([times, np.round(q / count) * count, tau + noise]))
     return 0
 
 

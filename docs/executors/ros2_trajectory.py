@@ -55,6 +55,8 @@ def read_motion(path: Path) -> tuple[list[str], FloatArray, dict[str, FloatArray
     """Read a motion: names of its joints, t (m,), and q, dq, ddq (m, n)."""
     names = path.read_text(encoding="utf-8").split("\n", 1)[0].strip().split(",")
     rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    if len(rows) < 2:
+        raise RunEndedError(f"{path} has no motion")
     joints = [name.removeprefix("q_") for name in names if name.startswith("q_")]
     parts = {kind: rows[:, [names.index(f"{kind}_{joint}") for joint in joints]] for kind in ("q", "dq", "ddq")}
     return joints, rows[:, names.index("t")], parts
@@ -81,7 +83,7 @@ class StateRecorder:
 
     def __init__(self, joints: list[str], file: TextIO) -> None:
         self.joints, self.file = joints, file
-        self.is_moving = False
+        self.is_moving, self.is_over = False, False
         self.first: Any = None
         self.posture: list[float] = []
         names = ["t", *(f"q_{joint}" for joint in joints), *(f"tau_{joint}" for joint in joints)]
@@ -90,7 +92,7 @@ class StateRecorder:
     def add(self, message: Any) -> None:
         """Take in a message of the type sensor_msgs/JointState; one that lacks a joint is of other joints."""
         places = {name: k for k, name in enumerate(message.name)}
-        if not all(joint in places for joint in self.joints):
+        if self.is_over or not all(joint in places for joint in self.joints):
             return
         columns = [places[joint] for joint in self.joints]
         if len(message.effort) <= max(columns):
@@ -145,13 +147,18 @@ def follow(motion: Path, controller: str, file: TextIO) -> None:
         goal = FollowJointTrajectory.Goal()
         set_message_fields(goal, build_goal(joints, t, parts))
         recorder.is_moving = True
-        handle = wait_for(client.send_goal_async(goal), PATIENCE, "the controller did not answer")
-        if not handle.accepted:
-            raise RunEndedError("the controller rejected the motion")
+        sent = client.send_goal_async(goal)
         try:
+            handle = wait_for(sent, PATIENCE, "the controller did not answer")
+            if not handle.accepted:
+                raise RunEndedError("the controller rejected the motion")
             answer = wait_for(handle.get_result_async(), float(t[-1] - t[0]) + PATIENCE, "the motion did not end")
         except BaseException:
-            rclpy.spin_until_future_complete(node, handle.cancel_goal_async(), timeout_sec=PATIENCE)
+            # A goal that was sent may be accepted later, and the robot would move unwatched.
+            recorder.is_over = True
+            rclpy.spin_until_future_complete(node, sent, timeout_sec=PATIENCE)
+            if sent.done() and sent.result().accepted:
+                rclpy.spin_until_future_complete(node, sent.result().cancel_goal_async(), timeout_sec=PATIENCE)
             raise
         if answer.status != _SUCCEEDED or answer.result.error_code:
             code = answer.result.error_code
@@ -172,7 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with unfinished.open("w", encoding="utf-8", buffering=1) as file:
             follow(given.motion, given.controller, file)
-    except RunEndedError as error:
+    except (RunEndedError, OSError, ValueError) as error:
         print(f"run ended: {error}", file=sys.stderr)
         return 1
     unfinished.replace(given.recording)

@@ -18,6 +18,8 @@ there is no recording, and the reason is printed.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import signal
 import socket
 import struct
 import sys
@@ -38,7 +40,9 @@ NEAR = 0.1
 LARGEST_ERROR = 0.1
 """Distance in rad from the motion at which the arm is stopped."""
 PATIENCE = 10.0
-"""Seconds that a package, or the start of the program, may take."""
+"""Seconds that a package, and the start or the end of the program, may take."""
+BRAKING = 15.0
+"""Deceleration of the joints in rad/s^2 where a run is ended early; at its end the arm stands."""
 _VERSION = 2
 # Types of packages of the RTDE guide.
 _REQUEST_VERSION, _SETUP_OUTPUTS, _SETUP_INPUTS, _START, _TEXT, _DATA = b"VOISMU"
@@ -52,7 +56,7 @@ _OUTPUTS = {
 # Registers 0 to 23 belong to field buses.
 _INPUTS = {"input_int_register_24": "INT32"} | {f"input_double_register_{k}": "DOUBLE" for k in range(24, 30)}
 _FORMATS = {"DOUBLE": "d", "VECTOR6D": "6d", "INT32": "i"}
-_WAIT, _FOLLOW, _END = 0, 1, 2
+_WAIT, _FOLLOW, _END, _BRAKE = 0, 1, 2, 3
 _SAFE_MODES = {1: "normal", 2: "reduced"}
 
 # The token tells this program's messages from those that an earlier one left in the register.
@@ -67,7 +71,11 @@ PROGRAM = """def follow_motion():
     q = [{registers}]
     servoj(q, t={period}, lookahead_time=0.03, gain=300)
   end
-  stopj(2.0)
+  if read_input_integer_register(24) == 2:
+    stopj(2.0)
+  else:
+    stopj({braking})
+  end
   write_output_integer_register(24, {done})
 end
 """
@@ -132,10 +140,12 @@ class Rtde:
     def _wait_for(self, kind: int) -> bytes:
         while True:
             size, got = struct.unpack(">HB", self._read(3))
+            if size < 3:
+                raise RunEndedError("the controller sent a package that is none of RTDE")
             payload = self._read(size - 3)
             if got == kind:
                 return payload
-            if got == _TEXT:
+            if got == _TEXT and payload:
                 print("controller:", payload[1 : 1 + payload[0]].decode(errors="replace"), file=sys.stderr)
 
     def _read(self, size: int) -> bytes:
@@ -155,6 +165,8 @@ def read_motion(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     """Read the six joints of a motion: their names, t (m,) and q (m, 6)."""
     names = path.read_text(encoding="utf-8").split("\n", 1)[0].strip().split(",")
     rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    if len(rows) < 2:
+        raise RunEndedError(f"{path} has no motion")
     joints = [name.removeprefix("q_") for name in names if name.startswith("q_")]
     if len(joints) != 6:
         raise RunEndedError(f"{path} moves {len(joints)} joints, and the arm has 6")
@@ -165,7 +177,9 @@ def write_program(start: FloatArray, token: int, frequency: float) -> str:
     """Return the program that follows the registers on the controller."""
     registers = ", ".join(f"read_input_float_register({k})" for k in range(24, 30))
     posture = ", ".join(f"{angle:.6f}" for angle in start)
-    return PROGRAM.format(start=posture, token=token, done=token + 1, registers=registers, period=1.0 / frequency)
+    return PROGRAM.format(
+        start=posture, token=token, done=token + 1, registers=registers, period=1.0 / frequency, braking=BRAKING
+    )
 
 
 def follow(
@@ -187,7 +201,13 @@ def follow(
         token = 2 * int(time.time() % 1e9)
         with socket.create_connection((host, ports[1]), timeout=PATIENCE) as program:
             program.sendall(write_program(q[0], token, frequency).encode())
-            _stream(rtde, token, t, q, write_row)
+            try:
+                _stream(rtde, token, t, q, write_row)
+            except BaseException:
+                # A signal, too, ends a run early.
+                with contextlib.suppress(OSError):
+                    rtde.send(_BRAKE, q[0])
+                raise
     finally:
         rtde.close()
 
@@ -212,10 +232,11 @@ def _stream(
                 raise RunEndedError("the program does not start; is the controller in remote control?")
             continue
         since = now - started
+        if since > t[-1] + PATIENCE:
+            raise RunEndedError("the program did not end")
         # The controller's own time: a package that it skipped shifts nothing.
         target = np.array([np.interp(since, t, column) for column in q.T])
         if not (np.abs(actual - target) < LARGEST_ERROR).all():
-            rtde.send(_END, actual)
             joint = int(np.argmax(np.abs(actual - target))) + 1
             raise RunEndedError(f"joint {joint} does not follow after {since:.2f} s")
         rtde.send(_FOLLOW if since < t[-1] else _END, target)
@@ -242,7 +263,7 @@ def main(arguments: list[str] | None = None, ports: Sequence[int] = (RTDE_PORT, 
                 rows.write(",".join(f"{value:.9g}" for value in values) + "\n")
 
             follow(given.host, t, q, write_row, given.frequency, ports)
-    except (RunEndedError, OSError) as error:
+    except (RunEndedError, OSError, ValueError, struct.error) as error:
         print(f"run ended: {error}", file=sys.stderr)
         return 1
     unfinished.replace(given.recording)
@@ -250,4 +271,5 @@ def main(arguments: list[str] | None = None, ports: Sequence[int] = (RTDE_PORT, 
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended by a signal"))
     sys.exit(main())

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,14 +19,17 @@ from typer.testing import CliRunner
 import dynident as dy
 from dynident.advice.campaign import add_run, decide, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.payload_goal import PayloadErrors
 from dynident.advice.prediction_error import (
     RegionRows,
+    _pool_inflation,
     build_measure,
     compute_effect_errors,
     compute_region_rows,
     follows_design,
     predict_errors,
 )
+from dynident.estimation.parameter_covariance import compute_sandwich_covariance
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values
@@ -41,6 +46,7 @@ from dynident.simulation import (
     simulate,
     write_simulated_recording,
 )
+from dynident_cli.commands import campaign as campaign_command
 from dynident_cli.program_and_exit_codes import app
 
 ARM = dy.load_robot("scara")
@@ -204,6 +210,27 @@ def test_a_joint_that_the_region_never_loads_is_judged_by_its_noise():
     errors = predict_errors(state.identification, rows, following.design, state.seconds)
     assert np.isfinite(errors).all()
     assert (rows.torque >= state.identification.noise).all()
+
+
+def test_the_promise_for_a_load_that_only_one_covariance_shows_is_a_number_above_zero():
+    _, state, following = first_run()
+    identification = state.identification
+    covariance = identification.statistics.covariance
+    # Larger by its pooled covariance than by its own; the mass is between the bounds at which each shows it.
+    pooled = compute_sandwich_covariance(
+        identification.data.training, identification.estimate.solution, _pool_inflation(identification)
+    )
+    own, other = (1.96 * np.sqrt(np.diag(matrix)) for matrix in (covariance, pooled))
+    column = int(np.argmax(other / own))
+    assert other[column] > own[column]
+    values = np.array([0.5 * (own[column] + other[column]), 0.1])
+    indices, freedom = np.array([column, (column + 1) % len(own)]), np.array([20.0, 20.0])
+    measure = PayloadErrors(("centre_x",), indices, values, freedom, np.array([0.01]))
+    assert np.isfinite(measure.compute_errors(covariance, 20.0)).all()
+    assert np.isinf(measure.compute_errors(pooled, 20.0)).all()
+    for repetitions in (0.0, 1e6):
+        errors = predict_errors(identification, measure, following.design, state.seconds, repetitions)
+        assert (errors > 0).all()
 
 
 def test_the_region_of_recordings_holds_their_states():
@@ -433,3 +460,79 @@ def test_the_command_ends_a_program_whose_rows_are_not_worth_going_on_with(tmp_p
     assert "the way that the design moves them" in " ".join(done.output.split())
     assert (tmp_path / "run2.csv.stopped").exists()
     assert not (tmp_path / "run2.csv").exists()
+
+
+@pytest.mark.slow
+def test_the_command_moves_nothing_before_the_load_is_mounted(tmp_path, monkeypatch):
+    plan, _, _ = first_run()
+    write_simulated_recording(measured(plan.design, 1), tmp_path / "run1.csv")
+    moved = tmp_path / "moved"
+    program = tmp_path / "move.py"
+    program.write_text(f"import pathlib\npathlib.Path({str(moved)!r}).touch()\nraise SystemExit(5)", encoding="utf-8")
+    goal = ["--goal", "payload", "--quantity", "mass", "--unloaded-runs", "1", "--mass-error", "0.03"]
+    common = ["campaign", "scara", "--folder", str(tmp_path), *goal, "--starts", "1", "--duration", "6"]
+    command = [*common, "--execute", f"{sys.executable} {program}"]
+    first = CliRunner().invoke(app, command)
+    assert (first.exit_code, moved.exists()) == (3, False), first.output
+    assert "Mount the load now" in first.output
+    # With a terminal it is asked for each time.
+    monkeypatch.setattr(campaign_command, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    assert CliRunner().invoke(app, command, input="n\n").exit_code != 0
+    assert not moved.exists()
+    monkeypatch.undo()
+    again = CliRunner().invoke(app, command)
+    assert "ended with code 5" in again.output
+    assert moved.exists()
+
+
+@pytest.mark.slow
+def test_rows_under_way_are_of_this_run_and_read_as_its_recording_will_be(tmp_path):
+    program = tmp_path / "move.py"
+    program.write_text(
+        "import sys, time\n"
+        "import numpy as np\n"
+        "import dynident as dy\n"
+        "from dynident.simulation import Reference, Sensors, SimulationRequest, list_drive_effects, simulate\n"
+        "arm = dy.load_robot('scara')\n"
+        "names = open(sys.argv[1]).readline().strip().split(',')\n"
+        "rows = np.loadtxt(sys.argv[1], delimiter=',', skiprows=1)\n"
+        "q, dq, ddq = (rows[:, [names.index(f'{k}_{n}') for n in arm.joint_names]] for k in ('q', 'dq', 'ddq'))\n"
+        "reference = Reference(rows[:, names.index('t')], q, dq, ddq)\n"
+        "sensors = Sensors(sampling_rate=200.0)\n"
+        "run = simulate(arm, SimulationRequest(reference, list_drive_effects(arm), sensors=sensors, seed=1))\n"
+        "header = ','.join(['t', *(f'{k}_{n}' for k in ('q', 'tau') for n in arm.joint_names)])\n"
+        "table = np.column_stack([run.t, run.q, run.tau])\n"
+        "first = 1 + arm.n\n"
+        "table[:, first : first + 2] = table[:, [first + int(k) for k in sys.argv[3]]]\n"
+        "time.sleep(2)\n"
+        "np.savetxt(sys.argv[2] + '.part', table, delimiter=',', header=header, comments='')\n"
+        "time.sleep(4)\n"
+        "sys.exit(5)\n",
+        encoding="utf-8",
+    )
+    # Rows that another run left: the first joint is beyond its limit.
+    beyond = np.linspace(0.0, 50.0, 1000)
+    table = np.column_stack([np.arange(1000) / 100.0, *(2 * ARM.n) * [beyond]])
+    header = ",".join(["t", *(f"{kind}_{name}" for kind in ("q", "tau") for name in ARM.joint_names)])
+    np.savetxt(tmp_path / "run1.csv.part", table, delimiter=",", header=header, comments="")
+    execute = f"{sys.executable} {program} {{motion}} {{recording}}"
+    common = ["campaign", "scara", "--folder", str(tmp_path), "--duration", "6", "--starts", "1"]
+    # Torques of the first two joints that stand in each other's column, as the options may say.
+    names = ",".join(f"tau_{name}=tau_{other}" for name, other in (ARM.joint_names[:2], ARM.joint_names[1::-1]))
+    cases = (("01", [], "code 5"), ("10", [], "was ended"), ("10", ["--columns", names], "code 5"))
+    for order, columns, words in cases:
+        done = CliRunner().invoke(app, [*common, *columns, "--execute", f"{execute} {order}"])
+        assert words in " ".join(done.output.split()), (order, columns, done.output)
+
+
+def test_rows_that_vanish_between_two_looks_end_nothing(tmp_path, monkeypatch):
+    _, state, following = first_run()
+    rows = tmp_path / "run2.csv.part"
+    rows.write_text("t\n0\n", encoding="utf-8")
+
+    def vanish(path):
+        raise FileNotFoundError(path)
+
+    monkeypatch.setattr(Path, "read_bytes", vanish)
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1.5)"]) as process:
+        assert campaign_command._watch(process, rows, state, following, lambda path: None) == 0

@@ -106,6 +106,30 @@ def test_a_scene_that_does_not_fit_or_that_the_arm_touches_ends_the_run_with_its
         assert script.main([str(scene), str(motion), str(recording)]) == 1
         assert words in capsys.readouterr().err
         assert not recording.exists()
+    # What touches without the arm is no matter of the run.
+    floor = '<worldbody><geom type="plane" size="9 9 1" pos="0 0 -5"/><body pos="0 0 -4.9"><freejoint/>'
+    box = '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>'
+    scene.write_text(text.replace("<worldbody>", floor + f'<geom type="box" size=".1 .1 .1"/>{box}</body>'))
+    assert script.main([str(scene), str(motion), str(recording)]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize("script", ["mujoco_scene", "ros2_trajectory", "ur_rtde"])
+def test_a_motion_that_cannot_be_read_ends_the_run_with_its_reason(scene, ros, tmp_path, capsys, script):
+    motion, recording = tmp_path / "motion.csv", tmp_path / "run.csv"
+    design = dy.Campaign(dy.load_robot("ur10") if script == "ur_rtde" else ARM, request=CampaignRequest(design=DESIGN))
+    design.ask().save(motion)
+    text = motion.read_text(encoding="utf-8")
+    first = {"mujoco_scene": [str(scene)], "ros2_trajectory": [], "ur_rtde": ["127.0.0.1"]}[script]
+    for changed in (text.replace("t,", "time,", 1), text.rstrip().rpartition(",")[0], text.split("\n")[0] + "\n1\n"):
+        motion.write_text(changed, encoding="utf-8")
+        assert load_script(script).main([*first, str(motion), str(recording)]) == 1
+        assert "run ended: " in capsys.readouterr().err
+        assert not recording.exists()
+    if script == "mujoco_scene":
+        motion.write_text(text, encoding="utf-8")
+        scene.write_text("<mujoco>", encoding="utf-8")
+        assert load_script(script).main([*first, str(motion), str(recording)]) == 1
+        assert "run ended: " in capsys.readouterr().err
 
 
 RTDE_SIGNALS = {
@@ -174,6 +198,10 @@ class MockController:
             assert receive() == ("S", b"")
             send("S", b"\x01")
             send("M", b"\x05hello\x04mock\x03")
+            # Texts may be empty.
+            send("M", b"")
+            if self.fault == "no size":
+                connection.sendall(b"\x00\x00U")
             format_of = {"DOUBLE": "d", "VECTOR6D": "6d", "INT32": "i"}
             packing = ">B" + "".join(format_of[kind] for kind in kinds)
             for k in range(10**6):
@@ -206,7 +234,7 @@ class MockController:
             self.followed += 1 / self.rate
             if not (self.fault == "stuck" and self.followed > 0.5):
                 self.q = self.target
-        else:
+        elif self.fault != "program gone":
             self.message = int(tokens[1])
 
 
@@ -237,7 +265,9 @@ def test_a_ur_follows_the_motion_by_rtde_and_is_recorded(ur_motion, tmp_path, ca
     assert np.abs(rows[:, 1:7] - wanted).max() < 2 * 0.3 * np.pi / controller.rate
     assert rows[:, 7:] == pytest.approx(0.1 * rows[:, 1:7], abs=1e-8)
     # Every block of the program is closed, and it stops where nobody writes the registers any more.
-    assert len(re.findall(r"^ *(?:def|while)", controller.program, re.MULTILINE)) == controller.program.count("end\n")
+    assert len(re.findall(r"^ *(?:def|while|if)", controller.program, re.MULTILINE)) == controller.program.count(
+        "end\n"
+    )
     assert 'rtde_set_watchdog("input_int_register_24", 10.0, "stop")' in controller.program
     assert "servoj(q, t=0.002," in controller.program
 
@@ -250,9 +280,13 @@ def test_a_ur_follows_the_motion_by_rtde_and_is_recorded(ur_motion, tmp_path, ca
         ("protective stop", "stopped the arm (safety mode 3)"),
         ("stuck", "does not follow after"),
         ("elsewhere", "does not stand at the first posture"),
+        ("program gone", "the program did not end"),
+        ("no size", "a package that is none of RTDE"),
     ],
 )
-def test_a_run_of_a_ur_that_goes_wrong_leaves_no_recording(ur_motion, tmp_path, capsys, fault, words):
+@pytest.mark.timeout(60)
+def test_a_run_of_a_ur_that_goes_wrong_leaves_no_recording(ur_motion, tmp_path, capsys, monkeypatch, fault, words):
+    monkeypatch.setattr(load_script("ur_rtde"), "PATIENCE", 2.0)
     controller, recording = MockController(fault), tmp_path / "run.csv"
     if fault == "elsewhere":
         controller.q = controller.q + 0.5
@@ -261,14 +295,20 @@ def test_a_run_of_a_ur_that_goes_wrong_leaves_no_recording(ur_motion, tmp_path, 
     assert not recording.exists()
     if fault == "stuck":
         controller.threads[0].join(5.0)
-        assert controller.command == 2
+        # The program brakes harder than where the arm stands at the end of a motion.
+        assert controller.command == 3
+        soft, hard = re.search(
+            r"if read_input_integer_register\(24\) == 2:\s+stopj\((.*)\)\s+else:\s+stopj\((.*)\)\s+end\n",
+            controller.program,
+        ).groups()
+        assert (float(soft), float(hard)) == (2.0, 15.0)
 
 
 class Done:
     """A future that is done."""
 
     def __init__(self, value) -> None:
-        self.value = value
+        self.value, self.waits = value, 0
 
     def done(self) -> bool:
         return self.value is not None
@@ -277,11 +317,26 @@ class Done:
         return self.value
 
 
+class Later(Done):
+    """A future that is done only once it was waited for again."""
+
+    def done(self) -> bool:
+        return self.waits > 1
+
+
 @pytest.fixture
 def ros(monkeypatch):
     """The part of ROS 2 that the script uses, as its documents describe it, with a robot that follows a goal."""
     robot = SimpleNamespace(
-        goal=None, moves=False, callback=None, cancelled=False, accepted=True, status=4, code=0, q=None
+        goal=None,
+        moves=False,
+        callback=None,
+        cancelled=False,
+        accepted=True,
+        status=4,
+        code=0,
+        q=None,
+        answer=Done,
     )
     robot.effort, robot.joints = True, ARM.joint_names
 
@@ -317,9 +372,10 @@ def ros(monkeypatch):
 
         def send_goal_async(self, goal):
             robot.goal = goal.fields
-            return Done(Handle())
+            return robot.answer(Handle())
 
     def spin(node, future, timeout_sec) -> None:
+        future.waits += 1
         if robot.moves and not robot.cancelled:
             for k, point in enumerate(robot.goal["trajectory"]["points"]):
                 publish(k, point["positions"])
@@ -379,6 +435,7 @@ def test_a_robot_with_ros_follows_one_goal_and_its_joint_states_are_recorded(ros
         ({"status": 0}, "the motion did not end after"),
         ({"effort": False}, "has no effort"),
         ({"q": np.ones(ARM.n)}, "does not stand at the first posture"),
+        ({"answer": Later}, "the controller did not answer"),
     ],
 )
 def test_a_motion_that_ros_does_not_finish_leaves_no_recording(ros, tmp_path, capsys, changes, words):
@@ -389,18 +446,23 @@ def test_a_motion_that_ros_does_not_finish_leaves_no_recording(ros, tmp_path, ca
     assert load_script("ros2_trajectory").main([str(motion), str(recording)]) == 1
     assert words in capsys.readouterr().err
     assert not recording.exists()
-    assert ros.cancelled == (changes == {"status": 0})
+    # Also a goal that is accepted only once nobody waits for it any more.
+    assert ros.cancelled == (changes in ({"status": 0}, {"answer": Later}))
 
 
-def test_a_script_that_is_ended_cancels_the_motion(ros, tmp_path, monkeypatch):
+@pytest.mark.parametrize("is_accepted", [True, False])
+def test_a_script_that_is_ended_cancels_the_motion(ros, tmp_path, monkeypatch, is_accepted):
     motion, recording = tmp_path / "motion.csv", tmp_path / "run.csv"
     design = dy.Campaign(ARM, request=CampaignRequest(design=DESIGN)).ask()
     design.save(motion)
     ros.q = design.design.q[0]
-    spin = sys.modules["rclpy"].spin_until_future_complete
+    ros.answer = Done if is_accepted else Later
+    spin, ended = sys.modules["rclpy"].spin_until_future_complete, []
 
     def end(node, future, timeout_sec) -> None:
-        if ros.moves and not ros.cancelled:
+        if (ros.moves or not is_accepted) and not ended:
+            ended.append(True)
+            future.waits = 1
             raise SystemExit("ended by a signal")
         spin(node, future, timeout_sec)
 

@@ -199,6 +199,16 @@ def test_a_residual_that_is_larger_in_some_motions_is_widened_as_much_as_further
     assert (alike < 0.885) == (spread > 0)
 
 
+def test_a_joint_without_recorded_torque_changes_nothing_of_the_others() -> None:
+    rng = np.random.default_rng(0)
+    squares = (np.exp(2.0 * rng.standard_normal((9, 1))) * rng.standard_normal((9, 3))) ** 2
+    spans = count_independent_spans(squares, np.full(3, 9.0))
+    assert spans.max() < 9.0
+    silent = count_independent_spans(np.column_stack([squares, np.zeros((9, 3))]), np.full(6, 9.0))
+    assert silent[:3] == pytest.approx(spans)
+    assert count_independent_spans(np.zeros((9, 2)), np.full(2, 4.0)) == pytest.approx(4.0)
+
+
 def test_the_central_share_of_few_draws_is_that_of_student() -> None:
     rng = np.random.default_rng(0)
     draws, recorded = rng.standard_normal((DRAWS, 200_000)), rng.standard_normal(200_000)

@@ -178,3 +178,20 @@ def test_a_load_is_weighed_after_it_was_mounted(live: Client) -> None:
     (mass,) = (parameter for parameter in model.result["parameters"] if parameter["name"].startswith("Mp"))
     # The usual load of this arm: a tenth of its vertical force, as the virtual robot has it.
     assert mass["interval"][0] < 2.1237 < mass["interval"][1]
+
+
+def test_a_load_that_does_not_show_yet_has_a_centre_without_a_bound(live: Client) -> None:
+    goal = {"kind": "payload", "quantities": ["mass", "centre_x"], "mass_error": 0.01, "unloaded_runs": 1}
+    campaign = begin(live, goal=goal)
+    # The load was not mounted for the second run.
+    for number in (1, 2):
+        live.campaigns.tell(campaign, run(live, campaign, number)).wait()
+    recording = run(live, campaign, 3, {"effect": "payload"})
+    campaign = live.campaigns.get(campaign)
+    mass, centre = campaign.steps[-1]["promised"]
+    assert mass > 0
+    assert (centre, campaign["promised"]) == (None, None)
+    live.campaigns.tell(campaign, recording).wait()
+    campaign = live.campaigns.get(campaign)
+    assert campaign.steps[-1]["runs"][0]["promised"] == [mass, None]
+    assert campaign["tables"]

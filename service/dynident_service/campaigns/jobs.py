@@ -244,8 +244,9 @@ def _restore_plan(task: Task, subject: Resource) -> PlannedRun | None:
     return PlannedRun(restore_design(design.request, design.result or {}, path), _to_array(result.promised))
 
 
-def _to_array(values: Sequence[float] | None) -> FloatArray | None:
-    return None if values is None else np.array(values)
+def _to_array(values: Sequence[float | None] | None) -> FloatArray | None:
+    """Return errors as an array; those without a bound were stored as null."""
+    return None if values is None else np.array([np.inf if error is None else error for error in values])
 
 
 def _to_list(values: FloatArray | None) -> list[float] | None:

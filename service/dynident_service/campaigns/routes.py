@@ -281,10 +281,9 @@ def show_campaign(services: Services, campaign: Resource) -> CampaignView:
     outcome, waiting = steps.outcome, steps.find_waiting_design()
     shown = [_show_step(resource) for resource in sorted([*steps.designs, *steps.tellings], key=_by_time)]
     runs = [run for step in shown for run in step.runs]
-    promises = [max(step.promised) for step in shown if step.promised]
+    promises = [_find_worst(step.promised) for step in shown if step.promised]
     decision = CampaignDecision(code="next_run", sentence=describe_first_run(campaign.request["goal"]["kind"]))
     joints = [joint.name for joint in RobotResult.model_validate(robot.result).joints]
-    last = runs[-1].achieved if runs else [None]
     return CampaignView.model_validate(
         {
             **vars(campaign),
@@ -294,12 +293,18 @@ def show_campaign(services: Services, campaign: Resource) -> CampaignView:
             "decision": decision if outcome is None else outcome.decision,
             "robot_time": sum(run.seconds for run in runs),
             "promised": promises[-1] if promises else None,
-            "achieved": None if None in last else max(error for error in last if error is not None),
+            "achieved": _find_worst(runs[-1].achieved) if runs else None,
             "design_id": None if waiting is None else waiting.id,
             "identification_id": steps.models[-1].id if steps.models else None,
             "steps": shown,
         }
     )
+
+
+def _find_worst(errors: Sequence[float | None]) -> float | None:
+    """Return the largest error; None where one has no bound."""
+    bounded = [error for error in errors if error is not None]
+    return max(bounded) if len(bounded) == len(errors) else None
 
 
 def _list_targets(goal: TorqueGoal | ParametersGoal | EffectsGoal | PayloadGoal, joints: list[str]) -> Sequence[str]:

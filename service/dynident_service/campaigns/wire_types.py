@@ -142,7 +142,9 @@ class CampaignRunView(ViewModel):
     design_id: str | None = None
     name: str
     seconds: float
-    promised: list[float] | None = Field(description="Errors that its motion promised; null: it was not planned")
+    promised: list[float | None] | None = Field(
+        description="Errors that its motion promised; null: it was not planned, of one target: without a bound"
+    )
     predicted: list[float] | None = Field(
         description="Errors of this run's torque as the model before it predicted it; null for the first run"
     )
@@ -180,7 +182,9 @@ class CampaignStep(ViewModel):
     status: str
     progress: Progress
     error: Problem | None = None
-    promised: list[float] | None = Field(default=None, description="Errors that the motion promises, by target")
+    promised: list[float | None] | None = Field(
+        default=None, description="Errors that the motion promises, by target; null of one without a bound"
+    )
     duration: float | None = Field(default=None, description="Length of the motion, s")
     runs: list[CampaignRunView] = Field(default=[], description="What the recordings brought")
 

@@ -139,9 +139,10 @@ class DesignResult(ViewModel):
         description="Height in m of the floor that was checked, in the base frame; if the request states none, the "
         "floor was assumed. null: no floor was checked",
     )
-    promised: list[float] | None = Field(
+    promised: list[float | None] | None = Field(
         default=None,
-        description="For a motion of a campaign: relative error of the predicted torque that it leaves, by joint",
+        description="For a motion of a campaign: errors that it leaves, by target of the campaign; null of one without "
+        "a bound, as the centre of a load that does not show yet",
     )
 
 

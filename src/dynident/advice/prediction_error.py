@@ -290,7 +290,7 @@ def predict_errors(
     # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
     covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
     now, of_pooled, then = (measure.compute_errors(covariance, statistics.median_freedom) for covariance in covariances)
-    excess = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now) & (of_pooled > 0))
+    excess = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now + of_pooled) & (of_pooled > 0))
     return np.asarray(excess * then)
 
 

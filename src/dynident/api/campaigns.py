@@ -23,7 +23,7 @@ from dynident.api.figure import Figure, join_figures
 from dynident.api.model import NO_RECORDINGS, Model
 from dynident.api.motion_design import DesignedMotion
 from dynident.api.named_tables import Framed, Table, build_columns
-from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
+from dynident.api.recording_collection import CheckedRecording, Recordings, SomeRecordings, as_recordings
 from dynident.api.recording_files import read_recordings
 from dynident.api.recordings_in_memory import RecordingData
 from dynident.diagnosis.comparison.measured_against_predicted import compare as compare_recording
@@ -211,7 +211,8 @@ class Campaign(Framed):
             What no further second heals: saturated torques, wrong signs or orders, limits that are exceeded, half of
             the planned speed or less, and torque that the model of the runs before does not explain by far (contact).
         """
-        return find_faults_under_way(self._state, self._planned, rows)
+        robot = self._state.robot
+        return find_faults_under_way(self._state, self._planned, lambda: read_recordings(rows, robot=robot)[0])
 
     def plot(self) -> Figure:
         """Draw the errors over robot time: promised, reached, and the goal.
@@ -266,7 +267,7 @@ class Campaign(Framed):
 
 
 def find_faults_under_way(
-    state: CampaignState, planned: PlannedRun | None, rows: RecordingData
+    state: CampaignState, planned: PlannedRun | None, read_rows: Callable[[], CheckedRecording]
 ) -> tuple[StopReason, ...]:
     """Return why the run under way is to be stopped; see `Campaign.check_under_way`.
 
@@ -276,11 +277,11 @@ def find_faults_under_way(
         The campaign before the run.
     planned : PlannedRun, optional
         The motion that is made.
-    rows : path, data frame or mapping of arrays
-        The rows so far.
+    read_rows : function
+        Reads the rows so far, as the recording of the run will be read.
     """
     try:
-        checked = next(iter(read_recordings(rows, robot=state.robot)))
+        checked = read_rows()
     except RecordingError as error:
         # What the first seconds lack (no joint has moved yet) is no reason to stop.
         return tuple(list_fatal_findings(error.checks))
@@ -315,7 +316,8 @@ def run_campaign(
     campaign : Campaign
         The campaign, new or with runs.
     execute : function
-        Moves the robot along a motion and returns the recording.
+        Moves the robot along a motion and returns the recording. With the goal payload, it has to wait for the load
+        before the first motion where `campaign.state.is_load_due`.
     progress : function, optional
         Called with the fraction done and a message.
 

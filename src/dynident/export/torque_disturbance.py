@@ -96,7 +96,12 @@ def count_independent_spans(squares: FloatArray, lengths: FloatArray) -> FloatAr
     if m < 2:
         return spans
     # One figure for all joints: they make the same motions, and few blocks tell little of each.
-    variance = float(np.mean((squares / np.maximum(squares.mean(axis=0), 1e-300)).var(axis=0, ddof=1)))
+    # A joint whose torque was not recorded has no residual, and says nothing.
+    means = squares.mean(axis=0)
+    has_residual = means > 0
+    if not has_residual.any():
+        return spans
+    variance = float(np.mean((squares[:, has_residual] / means[has_residual]).var(axis=0, ddof=1)))
     # For normal values alike everywhere the expected variance is 2 m / (m + 2), since the mean is theirs as well.
     return np.asarray(spans * min(1.0, 2.0 * m / (m + 2.0) / max(variance, 1e-300)))
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import shlex
 import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,14 +26,14 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dynident.advice.campaign import CampaignState, PlannedRun
+    from dynident.api.recording_collection import CheckedRecording, Recordings
     from dynident.progress import Progress
-    from dynident.recordings import Recording
 
 EXIT_MISSED = 3
 """Exit code of a campaign that ended without reaching its goal."""
 # Seconds between two looks for a recording, and how long its size must not have changed.
 _LOOK, _SETTLED = 0.5, 2.0
-_LONGEST_END = 10.0
+_LONGEST_END = 30.0
 """Seconds that a command may take to stop the robot and end."""
 UNFINISHED = ".part"
 """Ending of the file to which a command may write the rows so far; a run that goes wrong is then stopped early."""
@@ -80,8 +82,9 @@ def campaign(
     """Design, record and identify until torque is predicted well.
 
     Run k moves along FOLDER/runK_motion.csv and is recorded as FOLDER/runK.csv (or another format). Recordings that
-    are there already are taken first, so that a campaign goes on where it was stopped. Exit code 3: the goal was not
-    reached.
+    are there already are taken first, so that a campaign goes on where it was stopped. Before the first run with a
+    load, a command waits for Enter; without a terminal the campaign ends there, and the same command goes on once the
+    load is mounted. Exit code 3: the goal was not reached.
     """
     from dynident.advice.campaign import add_run, plan_run, start_campaign
     from dynident.api.figure import join_figures
@@ -90,7 +93,7 @@ def campaign(
     from dynident.file_output import write_atomically
     from dynident.identification import to_bytes
     from dynident.presentation.design_tables import build_campaign_table
-    from dynident.progress import scale_progress
+    from dynident.progress import ignore_progress, scale_progress
     from dynident.reports.figures.design import draw_campaign
     from dynident_cli import argument_loading, command_output
     from dynident_cli.contract_documents import load_limits, load_surroundings
@@ -113,25 +116,31 @@ def campaign(
     folder.mkdir(parents=True, exist_ok=True)
     console = command_output.message_console()
 
-    def load(paths: Sequence[Path], progress: Progress) -> Sequence[Recording]:
-        return argument_loading.load_recordings(paths, machine, reading, progress).recordings
+    def load(paths: Sequence[Path], progress: Progress) -> Recordings:
+        return argument_loading.load_recordings(paths, machine, reading, progress)
+
+    def read_rows(rows: Path) -> CheckedRecording:
+        return load([rows], ignore_progress)[0]
 
     with command_output.show_progress_bar("region") as progress:
-        states = collect_region(load(files.region, progress)) if files.region else None
+        states = collect_region(load(files.region, progress).recordings) if files.region else None
     state = start_campaign(machine, replace(request, choices=choices, design=design), states)
     while not state.decision.is_end:
         name, planned = f"run{len(state.runs) + 1}", None
         recording = _find_recording(folder, name)
         if recording is None:
             path = folder / f"{name}_motion.csv"
+            was_told = path.exists()
             with command_output.show_progress_bar(f"designing {name}") as progress:
                 planned = plan_run(state, progress)
             DesignedMotion(machine, planned.design).save(path)
             print_warnings(console, planned.design)
             console.print(_describe_plan(planned, path, MEASURES[request.goal][1]))
-            recording = _record(console, files.execute, path, folder, name, state, planned)
+            if files.execute and state.is_load_due and len(state.runs) == request.unloaded_runs:
+                _wait_for_load(console, was_told)
+            recording = _record(console, files.execute, path, folder, name, state, planned, read_rows)
         with command_output.show_progress_bar(name) as progress:
-            added = load([recording], scale_progress(progress, 0.0, 0.1))[0]
+            added = load([recording], scale_progress(progress, 0.0, 0.1)).recordings[0]
             state = add_run(state, added, planned, scale_progress(progress, 0.1, 1.0))
         assert state.identification is not None
         write_atomically(folder / "model.npz", to_bytes(state.identification))
@@ -157,6 +166,15 @@ def _describe_plan(planned: PlannedRun, path: Path, worst: str) -> str:
         else f"It will leave an error of {format_percent(float(planned.promised.max()))} on the {worst}."
     )
     return f"{path}: the next motion, {format_number(planned.design.duration)} s. {promise}"
+
+
+def _wait_for_load(console: Console, was_told: bool) -> None:
+    """Wait until the load is mounted; without a terminal, end the first time that it is asked for."""
+    if sys.stdin.isatty():
+        typer.confirm("Is the load mounted, and nobody near the robot?", default=True, abort=True, err=True)
+    elif not was_told:
+        console.print("Mount the load, then give the same command again.")
+        raise typer.Exit(EXIT_MISSED)
 
 
 def _find_recording(folder: Path, name: str) -> Path | None:
@@ -188,6 +206,7 @@ def _record(
     name: str,
     state: CampaignState,
     planned: PlannedRun,
+    read_rows: Callable[[Path], CheckedRecording],
 ) -> Path:
     """Have the robot moved, by a command or by hand, and return the recording."""
     recording = folder / f"{name}.csv"
@@ -196,7 +215,10 @@ def _record(
         while (recorded := _find_recording(folder, name)) is None:
             time.sleep(_LOOK)
         return recorded
+    rows = recording.with_name(recording.name + UNFINISHED)
     try:
+        # Rows of a run that was ended before say nothing about this one.
+        rows.unlink(missing_ok=True)
         # The words are split first: a path with spaces stays one argument.
         words = shlex.split(execute)
         command = [word.replace("{motion}", str(motion)).replace("{recording}", str(recording)) for word in words]
@@ -205,7 +227,7 @@ def _record(
         detail = f"{execute!r} cannot be run ({error}); give a program with its arguments, in quotes"
         raise DynidentError(detail, pointer="--execute", title="No recording") from error
     try:
-        code = _watch(process, recording.with_name(recording.name + UNFINISHED), state, planned)
+        code = _watch(process, rows, state, planned, read_rows)
     finally:
         # Also where the campaign is interrupted: a program that goes on would move the robot unseen.
         _end(process)
@@ -216,7 +238,13 @@ def _record(
     return recorded
 
 
-def _watch(process: subprocess.Popen[bytes], rows: Path, state: CampaignState, planned: PlannedRun) -> int:
+def _watch(
+    process: subprocess.Popen[bytes],
+    rows: Path,
+    state: CampaignState,
+    planned: PlannedRun,
+    read_rows: Callable[[Path], CheckedRecording],
+) -> int:
     """Wait for a command, and end it where the rows that it has written so far are not worth going on with."""
     from dynident.api.campaigns import find_faults_under_way
 
@@ -226,16 +254,23 @@ def _watch(process: subprocess.Popen[bytes], rows: Path, state: CampaignState, p
             return process.wait(look)
         except subprocess.TimeoutExpired:
             pass
-        grown = rows.stat().st_size if rows.is_file() else 0
-        if grown in (0, size):
+        try:
+            content = rows.read_bytes()
+        except OSError:
+            # None yet, or the run has just ended and they have their final name.
             continue
-        size, begun = grown, time.monotonic()
+        if len(content) in (0, size):
+            continue
+        size, begun = len(content), time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
+            # Options name this run and those before it by their files.
+            for neighbour in rows.parent.iterdir():
+                Path(folder, neighbour.name).touch()
+            complete = Path(folder, rows.stem)
             # The last line may be half written.
-            complete = Path(folder) / "rows.csv"
-            complete.write_bytes(rows.read_bytes().rpartition(b"\n")[0])
+            complete.write_bytes(content.rpartition(b"\n")[0])
             try:
-                reasons = find_faults_under_way(state, planned, complete)
+                reasons = find_faults_under_way(state, planned, partial(read_rows, complete))
             except DynidentError:
                 # Rows of which nothing can be said yet; what is wrong with them is said once the run has ended.
                 reasons = ()

@@ -34,8 +34,8 @@ class CampaignStep(TypedDict):
     job_id: str
     kind: Literal["ask", "tell"]
     progress: Progress
-    promised: list[float] | None
-    """Errors that the motion promises, by target"""
+    promised: list[float | None] | None
+    """Errors that the motion promises, by target; null of one without a bound"""
     runs: list[CampaignRunView]
     """What the recordings brought"""
     status: str
@@ -85,8 +85,9 @@ class DesignResult(TypedDict):
     notes: list[str]
     parameter_names: list[str]
     period: float | None
-    promised: list[float] | None
-    """For a motion of a campaign: relative error of the predicted torque that it leaves, by joint"""
+    promised: list[float | None] | None
+    """For a motion of a campaign: errors that it leaves, by target of the campaign; null of one without a bound, as the
+    centre of a load that does not show yet"""
     runs: list[Run]
     """Runs of a set of test motions; the column segment of the trajectory has their numbers"""
     sampling_rate: float

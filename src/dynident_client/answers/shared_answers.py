@@ -24,8 +24,8 @@ class CampaignRunView(TypedDict):
     shown at no size, and of a load before it is mounted"""
     predicted: list[float] | None
     """Errors of this run's torque as the model before it predicted it; null for the first run"""
-    promised: list[float] | None
-    """Errors that its motion promised; null: it was not planned"""
+    promised: list[float | None] | None
+    """Errors that its motion promised; null: it was not planned, of one target: without a bound"""
     seconds: float
 
 

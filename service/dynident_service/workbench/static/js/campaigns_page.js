@@ -144,7 +144,7 @@ function motionToMake(campaign, { robot, metadata, formats }, follow, said, fail
   const forms = h("div");
   const recordings = measurementForm(robot, { forms, metadata, chosen: () => robot, onStored: (one) => tell(one.id).catch(fail), onRobot: () => {}, count: () => 0 });
   return part("Motion to make",
-    h("p", {}, `It takes ${inTime(step.duration)}${step.promised ? ` and promises an error of ${percent(campaign.promised)} on the worst ${WORST[campaign.request.goal.kind]}` : ""}. `,
+    h("p", {}, `It takes ${inTime(step.duration)}${step.promised && campaign.promised !== null ? ` and promises an error of ${percent(campaign.promised)} on the worst ${WORST[campaign.request.goal.kind]}` : ""}. `,
       h("a", { href: address({ view: "design", robot: robot.id, design: campaign.design_id }) }, "Look at it")),
     h("p", { class: "actions" }, formatLinks(formats, (format) => `/v1/designs/${campaign.design_id}/trajectory?format=${format}`, said), button),
     said,
