@@ -9,7 +9,14 @@ import pyarrow.parquet as pq
 import pytest
 from support.recording_data import JOINTS, motion, write_csv
 
-from dynident.recordings import RecordedJoints, RecordingError, RecordingMetadata, import_recording, open_recording
+from dynident.recordings import (
+    JointLimits,
+    RecordedJoints,
+    RecordingError,
+    RecordingMetadata,
+    import_recording,
+    open_recording,
+)
 from dynident.recordings.raw_signals import RecordedSignals, RobotFile
 
 GAINS = (900.0, 700.0, 300.0)
@@ -25,9 +32,9 @@ def commanded(path: Path, change=lambda columns: None) -> Path:
     return write_csv(path, columns)
 
 
-def imported(source: Path, gains=GAINS, **stated):
+def imported(source: Path, gains=GAINS, limits=None, **stated):
     metadata = RecordingMetadata(effort_kind="position_command", **stated)
-    joints = RecordedJoints(JOINTS, gains=gains)
+    joints = RecordedJoints(JOINTS, gains=gains, limits=limits)
     return import_recording(source, source.with_suffix(".stored"), joints, metadata=metadata)
 
 
@@ -67,10 +74,35 @@ def test_units_and_signs_of_commands_are_those_that_are_stated(tmp_path):
             columns[f"q_command{joint}"] = np.degrees(columns[f"q_command{joint}"])
 
     plain, _ = imported(commanded(tmp_path / "rad.csv"))
-    degrees, _ = imported(commanded(tmp_path / "deg.csv", change), units={"q_command": "deg"})
+    degrees, _ = imported(commanded(tmp_path / "deg.csv", change), units={"q": "rad", "q_command": "deg"})
     assert torque(degrees) == pytest.approx(torque(plain), abs=1e-6)
     doubled, _ = imported(commanded(tmp_path / "doubled.csv"), scale={"tau2": 2.0})
     assert torque(doubled)[:, 1] == pytest.approx(2.0 * torque(plain)[:, 1], rel=1e-9)
+
+
+def in_degrees(columns):
+    for joint in (1, 2, 3):
+        columns[f"q{joint}"], columns[f"q_command{joint}"] = (
+            np.degrees(columns[f"{kind}{joint}"]) for kind in ("q", "q_command")
+        )
+
+
+@pytest.mark.parametrize("units", [{"q": "deg"}, {"q1": "deg", "q_elbow": "deg", "q3": "deg"}])
+def test_commands_of_which_nothing_is_said_are_in_the_unit_of_the_positions(tmp_path, units):
+    plain, _ = imported(commanded(tmp_path / "rad.csv"))
+    degrees, _ = imported(commanded(tmp_path / "deg.csv", in_degrees), units=units)
+    assert torque(degrees) == pytest.approx(torque(plain), abs=1e-6)
+
+
+@pytest.mark.parametrize("factor", [1.0, 20.0])
+def test_positions_in_degrees_are_found_before_they_seem_far_behind_their_commands(tmp_path, factor):
+    limits = [JointLimits(position=(-2.0, 2.0))] * 3
+    path = commanded(tmp_path / "deg.csv", in_degrees)
+    gains = tuple(factor * gain for gain in GAINS)
+    with pytest.raises(RecordingError, match=r'units.*"q": "deg"') as refused:
+        imported(path, gains, limits)
+    assert refused.value.title == "Position unit"
+    assert any(check.name == "position_unit" for check in refused.value.checks)
 
 
 def test_a_command_of_another_turn_is_the_same_command(tmp_path):
@@ -117,6 +149,45 @@ def test_intervals_at_full_duty_are_left_out(tmp_path):
     kept, _ = imported(path, skip=("full_duty",))
     assert len(kept.segments) == 1
     assert np.abs(torque(kept)[:, 0]).max() > 0.4 * GAINS[0]
+
+
+def test_a_known_torque_limit_tells_what_a_servo_can_give(tmp_path):
+    path = commanded(tmp_path / "run.csv")
+    greatest = np.abs(needed()).max(axis=0)
+    limits = [JointLimits(effort=0.9 * greatest[0]), JointLimits(effort=0.0), JointLimits()]
+    recording, checks = imported(path, limits=limits)
+    (check,) = [check for check in checks if check.name == "full_duty"]
+    assert (check.status, check.column) == ("warning", "q_command1")
+    assert np.abs(torque(recording)[:, 0]).max() < 0.92 * greatest[0]
+
+
+def test_no_angle_is_a_limit_of_what_slides(tmp_path):
+    def change(columns):
+        columns["q_command3"][1000:1050] += 0.5
+
+    path = commanded(tmp_path / "run.csv", change)
+    limits = [JointLimits(), JointLimits(), JointLimits("prismatic")]
+    recording, checks = imported(path, limits=limits)
+    assert not any(check.name == "full_duty" for check in checks)
+    assert len(recording.segments) == 1
+
+
+def spiked(columns):
+    columns["q2"][500:2500:200] += 0.4
+
+
+def held(columns):
+    for joint in (1, 2, 3):
+        columns[f"q{joint}"] = np.repeat(columns[f"q{joint}"][::4], 4)
+
+
+@pytest.mark.parametrize(("change", "step"), [(spiked, "corrupted_samples"), (held, "held_samples")])
+def test_a_corrected_position_corrects_the_torque(tmp_path, change, step):
+    plain, _ = imported(commanded(tmp_path / "plain.csv"))
+    mended, checks = imported(commanded(tmp_path / "mended.csv", change))
+    assert [check.status for check in checks if check.name == step] == ["warning"]
+    off = np.abs(torque(mended) - torque(plain)) / needed().std(axis=0)
+    assert off[8:-8].max() < 0.01
 
 
 def test_a_recording_mostly_at_full_duty_is_refused(tmp_path):

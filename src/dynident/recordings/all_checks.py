@@ -68,8 +68,10 @@ def run_checks(
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _mark_accepted(checks, accept)):
         checks += check_torque(recording, sample, layout, limits, against)
-    # Positions beyond limits are what other zeros, or an exchange, look like: what is known of them goes first.
-    checks.sort(key=lambda check: (check.name, check.status) == ("position_unit", "warning"))
+    # Positions beyond limits are what other zeros, or an exchange, look like, and positions far behind their commands
+    # what other units look like: what is known of those goes first.
+    late = [("position_unit", "warning"), ("full_duty", "error")]
+    checks.sort(key=lambda check: (check.name, check.status) in late)
     # A check sees the recording as it was read: its cure is put in terms of the file, whose order and signs may be
     # stated already.
     final_checks = adapt_cures(_mark_accepted(checks, accept), metadata, recording.joint_names)

@@ -141,7 +141,8 @@ def compute_servo_error(command: FloatArray, position: FloatArray) -> FloatArray
         Positions that servos are to take, and those that they have.
     """
     # No joint is half a turn behind: there, one of the two angles has begun a new turn.
-    return np.asarray(np.remainder(command - position + np.pi, 2.0 * np.pi) - np.pi)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.remainder(command - position + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def find_columns(

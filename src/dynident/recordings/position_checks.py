@@ -228,7 +228,7 @@ def _check_position_unit(
         low, high, rate = float(positions.low[joint]), float(positions.high[joint]), float(fastest[joint])
         small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
         where = int(positions.row[row]), float(positions.t[row])
-        if _is_counted(limit, low, high):
+        if is_counted(limit, low, high):
             remedy = Remedy("units", {"q": "counts:4096"})
             return Check(
                 "position_unit",
@@ -364,8 +364,8 @@ def has_other_unit(
     return rate > fastest or (not roams and max(abs(low), abs(high)) > widest and high - low > widest)
 
 
-def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
-    """Return whether an angle is far from any that a joint takes, in degrees as well."""
+def is_counted(limit: JointLimits, low: float, high: float) -> bool:
+    """Return whether an angle, with its range, is far from any that a joint takes, in degrees as well."""
     if limit.kind != "revolute":
         return False
     farthest = max(abs(low), abs(high))

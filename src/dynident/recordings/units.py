@@ -138,11 +138,16 @@ def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where:
 
 
 def find_unit(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> tuple[str | None, str]:
-    """Return the unit of a column with the key that gave it: one of its names, else its kind of signal."""
+    """Return the unit of a column with the key that gave it: one of its names, else its kind of signal.
+
+    Of commands of which nothing is said it is that of the positions.
+    """
     # What is said of one column goes before what is said of its kind.
     for key in (*columns, kind):
         if key in units:
             return units[key], key
+    if kind == "q_command":
+        return find_unit(units, "q", tuple(name.replace(kind, "q", 1) for name in columns))
     return None, kind
 
 

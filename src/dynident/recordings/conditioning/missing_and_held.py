@@ -6,13 +6,12 @@ Holds the longest hold (0.2 s) and the most missing rows (30 %).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import FloatArray, IntArray
-from dynident.number_format import format_percent
 from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.conditioning.windows_and_changed_rows import (
     MARGIN_ROWS,
@@ -267,53 +266,6 @@ class BridgedGaps:
         )
         much = self._n_lost > MOST_MISSING * self._n_rows
         return [rows.make_check(self.name, "error" if much else "warning", detail, self._signals.sources)]
-
-
-FULL_VOLTAGE = 0.35
-"""rad between command and position, from which on a servo has its full voltage: a Feetech STS3215 with the P
-coefficient 16, which LeRobot writes, has 0.97 of it at 0.365 rad (BAM's authors measured it with an oscilloscope)."""
-
-
-class FullVoltage:
-    """Leaves out rows in which a position servo is so far behind its command that its torque grows no more."""
-
-    name = "full_duty"
-
-    def __init__(self, signals: Signals) -> None:
-        self._signals = signals
-        self._found = ChangedRows()
-        self._n_rows = self._n_lost = 0
-
-    def apply(self, window: Window) -> None:
-        """Remove the torques of a window that servos cannot give."""
-        gains = self._signals.servo_gains
-        if gains is None:
-            return
-        torques = np.array(sorted(self._signals.position))
-        beyond = np.abs(window.values[:, torques]) > FULL_VOLTAGE * np.abs(gains)
-        for joint in np.flatnonzero(beyond.any(axis=0)):
-            own = window.select_own_rows(np.flatnonzero(beyond[:, joint]))
-            self._found.add(int(torques[joint]), own, window.t[own - 1 - window.first_row])
-        self._n_rows += window.own.stop - window.own.start
-        self._n_lost += int(beyond[window.own].any(axis=1).sum())
-        window.values[:, torques] = np.where(beyond, np.nan, window.values[:, torques])
-        window.unused |= beyond.any(axis=1)
-
-    def checks(self) -> list[Check]:
-        """Report which rows are left out."""
-        rows = self._found
-        if not rows.n:
-            return []
-        share = format_percent(self._n_lost / self._n_rows, 2)
-        detail = (
-            f"In {share} of the rows a joint is more than {np.degrees(FULL_VOLTAGE):.0f}° behind its command: in "
-            f"{rows.describe(self._signals.sources)}. There, servos of small arms have their full voltage, and the "
-            "torque no longer grows with the error. These rows are not used, and no filter runs across them. Command "
-            "slower motions to lose none. If these servos give more torque there"
-        )
-        check = rows.warn_of_correction(self.name, detail, self._signals.sources)
-        much = self._n_lost > MOST_MISSING * self._n_rows
-        return [replace(check, status="error") if much else check]
 
 
 def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:

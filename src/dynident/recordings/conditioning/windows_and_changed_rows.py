@@ -27,7 +27,7 @@ WINDOW_ROWS, MARGIN_ROWS = 256 * CHUNK_ROWS, 16 * CHUNK_ROWS
 
 @dataclass(eq=False)
 class Window:
-    """Consecutive rows: t (m,), segment (m,) and values (m, c), which steps change in place.
+    """Consecutive rows: t (m,), segment (m,) and values (m, c), which steps change in place; `raw` are those as read.
 
     `first_row` counts data rows from 0. `own` are the rows that this window decides on; the others belong to the
     windows beside it. `run` (m,) numbers the segments without a gap in time; `unused` (m,)
@@ -38,6 +38,7 @@ class Window:
     t: FloatArray
     segment: IntArray
     values: FloatArray
+    raw: FloatArray
     own: slice
     run: IntArray
     unused: BoolArray
@@ -102,7 +103,9 @@ def _make_window(rows: RawRows, first_row: int, start: int, stop: int, base: Tim
     unused = np.zeros(len(rows.t), dtype=bool)
     # A copy: what is read may be a view of the file's own memory, or be looked at again by the next window.
     values = np.array(rows.values, dtype=np.float64)
-    return Window(first_row, rows.t, rows.segment, values, slice(start - first_row, stop - first_row), run, unused)
+    return Window(
+        first_row, rows.t, rows.segment, values, rows.values, slice(start - first_row, stop - first_row), run, unused
+    )
 
 
 def find_run_edges(marks: BoolArray) -> tuple[IndexArray, IndexArray]:
@@ -225,7 +228,7 @@ class Signals:
     position limits by column. `velocity`: the column of an angle's logged velocity.
     `position`: that of the position of a torque's joint. `factors`, `offsets` (c,): what made SI units of the file's
     numbers; `registers`: columns, by kind of signal, that may be registers. `servo_gains` (n,): torque over
-    position error.
+    position error. `joints`: limits of the n joints.
     """
 
     sources: tuple[str, ...]
@@ -241,6 +244,7 @@ class Signals:
     offsets: FloatArray
     registers: dict[str, tuple[int, ...]]
     servo_gains: FloatArray | None
+    joints: tuple[JointLimits, ...]
 
     @classmethod
     def from_layout(cls, layout: Layout, limits: tuple[JointLimits, ...], base: TimeBase) -> Signals:
@@ -279,6 +283,7 @@ class Signals:
             offsets=np.array([column.offset for column in layout.columns]),
             registers={kind: _find_register_columns(kind, layout) for kind in ("q", "tau")},
             servo_gains=layout.servo_gains,
+            joints=limits,
         )
 
 
