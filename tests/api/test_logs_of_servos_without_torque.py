@@ -14,7 +14,10 @@ from support.vendor_logs import Signals
 
 import dynident as dy
 from dynident.array_types import FloatArray
+from dynident.export import export_model
 from dynident.recordings import RecordingMetadata
+from dynident.validation import ValidationOutcome
+from dynident.verdict import Outcome
 
 GAIN = 8.0
 COMMANDS = RecordingMetadata(effort_kind="position_command")
@@ -79,6 +82,13 @@ def test_commands_that_no_joint_follows_are_not_taken(tmp_path, arm):
     assert [question.field for question in dy.inspect(path, arm).questions] == ["columns/tau"]
 
 
+def test_commands_without_numbers_are_not_taken(tmp_path, arm):
+    q, commands = make_exact_log(arm, 1, GAIN, 20.0)
+    path = write_log(tmp_path / "run.csv", q, np.full_like(commands, np.nan))
+    found = dy.inspect(path, arm)
+    assert found.inspection.proposal.effort_kind != "position_command"
+
+
 def test_the_servos_law_gives_friction_and_load_of_the_arm(model):
     values = {parameter.name: parameter.value for parameter in model.identification.parameters}
     assert [values[f"Fc{k}"] for k in range(1, 7)] == pytest.approx([0.1] * 6, rel=0.1)
@@ -103,6 +113,31 @@ def test_the_recording_and_the_verdict_say_what_cannot_be_known(model):
     assert all("if the drive gains are wrong" in use.reason for use in verdict.uses if use.state == "limited")
     assert not any(use.next_action == "diagnose" for use in verdict.uses)
     assert not any("iagnose" in step for step in verdict.next_steps)
+
+
+def test_a_model_that_was_stored_still_says_where_its_torque_came_from(tmp_path, model):
+    path = tmp_path / "arm.npz"
+    model.save(path)
+    stored = dy.load_model(path)
+    assert any("computed from the commands" in warning for warning in stored.warnings)
+    verdict = stored.verdict()
+    assert all("if the drive gains are wrong" in use.reason for use in verdict.uses if use.state == "limited")
+    assert not any(use.next_action == "diagnose" for use in verdict.uses)
+    assert not any("iagnose" in step for step in verdict.next_steps)
+
+
+@pytest.mark.parametrize("kind", ["c", "json", "urdf"])
+def test_exports_say_where_the_torque_came_from(model, kind):
+    exported = export_model(model.identification, kind)
+    assert any("computed from the commands" in note for note in exported.notes)
+    assert kind == "urdf" or b"computed from the commands" in exported.content
+
+
+def test_a_load_that_came_out_right_confirms_the_gains(model):
+    weighed = [Outcome("payload", ValidationOutcome("pass", "The load weighs 0.15 kg."))]
+    before, after = (model.verdict(outcomes).uses for outcomes in ([], weighed))
+    assert any("if the drive gains are wrong" in use.reason for use in before)
+    assert not any("if the drive gains are wrong" in use.reason for use in after)
 
 
 def test_a_diagnosis_is_refused_with_its_reason(model):

@@ -26,6 +26,7 @@ from dynident.export.urdf import to_urdf
 from dynident.export.usd import to_usd
 from dynident.identification import Identification, make_physical
 from dynident.identification.identified_models.equation_of_motion import build_equation_of_motion
+from dynident.identification.identified_models.fit_model import OF_COMMANDS
 from dynident.identification.identified_models.remove_and_solve_again import list_held_friction
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
@@ -155,13 +156,16 @@ _WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 
 
 def _list_missing_torque(identification: Identification) -> list[str]:
-    """Return the note on joints without torque, where there are any."""
-    joints = identification.model.robot.joints_without_torque
+    """Return the notes on torques that were not recorded, where there are any."""
+    joints, notes = identification.model.robot.joints_without_torque, []
+    if identification.data.from_commands:
+        notes.append(OF_COMMANDS)
     if not joints:
-        return []
+        return notes
     return [
+        *notes,
         f"No recording contains the torque of {', '.join(joints)}: the model has neither its friction nor its drive, "
-        "and its torque is that of the links alone."
+        "and its torque is that of the links alone.",
     ]
 
 

@@ -98,6 +98,7 @@ class ModelDocument(TypedDict):
     rank: int
     reference: Sequence[float]
     standard_parameters: Mapping[str, Mapping[str, float]] | None
+    warnings: Sequence[str]
 
 
 FORMAT = "dynident model 1"
@@ -173,6 +174,7 @@ def model_to_document(identification: Identification) -> ModelDocument:
         "rank": base.rank,
         "reference": identification.estimate.reference.vector.tolist(),
         "standard_parameters": _list_standard_parameters(identification),
+        "warnings": list(identification.warnings),
     }
 
 

@@ -11,6 +11,7 @@ from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlap
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, find_outlying_spans
 from dynident.identification import Identification
+from dynident.identification.identified_models.fit_model import OF_COMMANDS
 from dynident.identification.recording_faults import VETOES
 from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.number_format import format_percent
@@ -217,9 +218,13 @@ def verdict(
         sentence = f"Not for {silent}, whose torque was not recorded."
         reservations.append(UseFinding("limited", sentence, NextStep(f"Record the torque of {silent}, too.")))
     reservations += _list_disturbances(identification)
-    from_commands = any(recording.torque_from_commands for recording in (*recordings, *validation))
-    if from_commands:
-        reservations.append(UseFinding("limited", _OF_COMMANDS, GAINS))
+    from_commands = identification.data.from_commands or any(
+        recording.torque_from_commands for recording in (*recordings, *validation)
+    )
+    # A load that came out right shows that the gains are.
+    is_weighed = any(outcome.kind == "payload" and outcome.judged.verdict == "pass" for outcome in outcomes)
+    if from_commands and not is_weighed:
+        reservations.append(UseFinding("limited", OF_COMMANDS, GAINS))
     against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
     drift, force, mass, contact = None, None, None, None
@@ -410,10 +415,6 @@ def explain_stop(identification: Identification) -> str:
     )
 
 
-_OF_COMMANDS = (
-    "The torque was not recorded, but computed from the commands of servos: if the drive gains are wrong by one "
-    "factor, so is all of the model."
-)
 _CURRENTS = NextStep("Record the currents of the servos, too: without a torque no missing effect can be named.")
 
 

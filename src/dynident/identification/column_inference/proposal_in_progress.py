@@ -354,7 +354,7 @@ class WorkingProposal:
             commands, positions = list(group.columns), list(position.columns)
             ahead = self.values[:, commands] - self.values[:, positions]
             spread = np.maximum(self.values[:, positions].var(axis=0), np.finfo(float).tiny)
-            if not self.values[:, commands].any() or np.median(ahead.var(axis=0) / spread) > _FOLLOWED:
+            if not (self.values[:, commands].any() and np.median(ahead.var(axis=0) / spread) <= _FOLLOWED):
                 continue
             self.values, raw = np.array(self.values), np.array(self.sample.values)
             self.values[:, commands] = ahead

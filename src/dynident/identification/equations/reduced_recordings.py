@@ -221,6 +221,8 @@ class ReducedData:
     speeds : (n,), optional
         Largest speed of each joint in the recordings of the fit, in rad/s or m/s, where friction bends with the speed;
         None for other models, and those of earlier files.
+    from_commands : bool
+        Whether torques were computed from the commands of servos.
     """
 
     equations: Reduction
@@ -233,6 +235,7 @@ class ReducedData:
     copied: tuple[str, ...] = ()
     digests: tuple[str, ...] = ()
     speeds: FloatArray | None = None
+    from_commands: bool = False
 
     def __repr__(self) -> str:
         held_out = ", ".join(self.validation_names) or "nothing"

@@ -47,6 +47,11 @@ from dynident.regressors.row_cache import reduce_with_columns
 if TYPE_CHECKING:
     from dynident.identification.identified_models.identification_result import Estimate, Identification
 
+OF_COMMANDS = (
+    "The torque was not recorded, but computed from the commands of servos: if the drive gains are wrong by one "
+    "factor, so is all of the model."
+)
+
 _MISFIT = 0.2
 """Share of the torque left by the fit, above which the data are doubted; sound arms leave 3 to 15 %."""
 
@@ -83,6 +88,7 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     sentences += _warn_of_overfit(identification)
     sentences += _warn_of_friction_signs(identification)
     sentences += _warn_of_missing_torque(identification)
+    sentences += [OF_COMMANDS] if identification.data.from_commands else []
     # Effects that dissolved in others are still in the torque, but have no parameter of their own.
     absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed_columns]
     if absorbed:
@@ -434,6 +440,7 @@ def identify_model(
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
         speeds=training.speeds,
+        from_commands=any(recording.torque_from_commands for recording in (*recordings, *validation)),
     )
     identified = finalise_identification(model, choices, training, data, shaped=reduce_shapes)
     return replace(identified, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))

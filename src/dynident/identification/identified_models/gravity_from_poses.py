@@ -108,6 +108,7 @@ def identify_poses(
         filters,
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
+        from_commands=any(recording.torque_from_commands for recording in (*recordings, *validation)),
     )
     identified = finalise_identification(model, own, data, reduced)
     return replace(identified, warnings=(*_describe_poses(identified, choices.effects), *identified.warnings))

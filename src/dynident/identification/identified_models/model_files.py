@@ -132,6 +132,7 @@ def _to_arrays(identification: Identification) -> dict[str, Any]:
             "validation_names": data.validation_names,
             "copied": data.copied,
             "digests": data.digests,
+            "from_commands": data.from_commands,
             "speeds": None if data.speeds is None else data.speeds.tolist(),
             "added": [asdict(choice) for choice in identification.step.added],
             "removed": [asdict(choice) for choice in identification.step.removed],
@@ -263,6 +264,7 @@ def _read_data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedD
         validation_names=tuple(header["validation_names"]),
         copied=tuple(header.get("copied", ())),
         digests=tuple(header.get("digests", ())),
+        from_commands=bool(header.get("from_commands", False)),
         speeds=None if header.get("speeds") is None else np.array(header["speeds"]),
     )
 
