@@ -16,6 +16,7 @@ from support.oracles import crooked_urdf
 from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
 from dynident.identification.column_inference.column_names import describe_waves, read_names
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.recordings import RecordingError
 from dynident.robot import Robot, robot_from_urdf
@@ -414,3 +415,13 @@ def test_names_of_columns_are_said_as_they_are(pattern: str) -> None:
     }
     details = [one.reason for one in guess(given.robot, renamed).guesses if one.value == "corrected"]
     assert any(pattern.format("q1") in detail for detail in details), details
+
+
+def test_torques_made_from_commands_are_still_so_in_some_rows() -> None:
+    given = log("ur10", 1, duration=8.0)
+    fits = DynamicsFits(given.robot, given.t)
+    fits.from_commands = True
+    rows = given.t < 5.0
+    recording = fits.select_rows(rows).to_recording(given.q[rows], given.tau[rows])
+    assert recording is not None
+    assert recording.torque_from_commands
