@@ -16,6 +16,7 @@ from support.oracles import crooked_urdf
 from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
 from dynident.identification.column_inference.column_names import describe_waves, read_names
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.recordings import RecordingError
 from dynident.robot import Robot, robot_from_urdf
@@ -400,3 +401,27 @@ def test_a_limit_of_effort_that_is_too_small_is_no_reason_to_ask_for_the_unit() 
     given = log_of(robot_from_urdf("weak", weak), 4, duration=10.0)
     assert np.abs(given.tau).max() > 40.0
     assert guess(given.robot, given.columns()).questions == ()
+
+
+@pytest.mark.parametrize("pattern", ["Axis\\{}", "Axis\\1{}", "\\g<0>{}"])
+def test_names_of_columns_are_said_as_they_are(pattern: str) -> None:
+    given = log("ur10", 1, duration=8.0)
+    columns = given.columns()
+    renamed = {
+        pattern.format(name) if name != "t" else name: np.where(np.arange(len(given.t)) == 300, np.nan, values)
+        if name != "t"
+        else values
+        for name, values in columns.items()
+    }
+    details = [one.reason for one in guess(given.robot, renamed).guesses if one.value == "corrected"]
+    assert any(pattern.format("q1") in detail for detail in details), details
+
+
+def test_torques_made_from_commands_are_still_so_in_some_rows() -> None:
+    given = log("ur10", 1, duration=8.0)
+    fits = DynamicsFits(given.robot, given.t)
+    fits.from_commands = True
+    rows = given.t < 5.0
+    recording = fits.select_rows(rows).to_recording(given.q[rows], given.tau[rows])
+    assert recording is not None
+    assert recording.torque_from_commands

@@ -216,3 +216,48 @@ def test_structures_that_are_named_have_times_of_their_own(tmp_path: Path) -> No
     assert {"q1", "q2", "tau1", "tau2"} <= set(columns)
     np.testing.assert_allclose(columns["tau2"], np.cos(t))
     np.testing.assert_allclose(columns["q1"][:-1], np.sin(t[:-1]), atol=1e-4)
+
+
+def test_an_array_without_a_time_keeps_no_group_from_its_own(tmp_path: Path) -> None:
+    """Simulink's `tout` stands outside of all structures, and has a row for each step of the solver."""
+    t = np.arange(200) / 100.0
+    groups = {"q.time": t[::2], "q.values": np.column_stack([np.sin(t), np.cos(t)])[::2]}
+    groups |= {"tau.time": t, "tau.values": np.column_stack([np.cos(t), t])}
+    for rows, is_read in ((200, True), (350, False)):
+        np.savez(tmp_path / "out.npz", **groups, tout=np.linspace(0.0, 2.0, rows))
+        source = open_source(tmp_path / "out.npz", None)
+        columns = columns_of(tmp_path / "out.npz")
+        np.testing.assert_allclose(columns["q.values1"][:-1], np.sin(t[:-1]), atol=1e-4)
+        np.testing.assert_array_equal(columns["tau.values2"], t)
+        assert ("tout" in columns) is is_read
+        assert ("left out is what has no time: tout" in source.remarks[0]) is not is_read
+
+
+def test_arrays_without_a_time_that_are_the_recording_are_read(tmp_path: Path) -> None:
+    wide = {name: values for name, values in WIDE.items() if name != "t"}
+    np.savez(tmp_path / "rows.npz", **wide, **CLOCKED)
+    assert {"q1", "q2", "tau1", "tau2"} <= set(open_source(tmp_path / "rows.npz", None).names)
+
+
+@pytest.mark.parametrize(
+    ("change", "is_joined"),
+    [
+        (lambda t: t + 0.5, True),
+        (lambda t: t + 1e-6, False),
+        (lambda t: 1e3 * t, False),
+        (lambda t: t + 900.0, False),
+    ],
+    ids=["later", "the same", "ms", "elsewhere"],
+)
+def test_groups_of_one_length_are_joined_by_time_where_their_clocks_differ(tmp_path, change, is_joined):
+    t = np.arange(200) / 100.0
+    groups = {"q.time": t, "q.values": np.sin(t), "tau.time": change(t), "tau.values": np.sin(change(t))}
+    np.savez(tmp_path / "later.npz", **groups)
+    columns = columns_of(tmp_path / "later.npz")
+    assert bool(open_source(tmp_path / "later.npz", None).remarks) is is_joined
+    if not is_joined:
+        np.testing.assert_array_equal(columns["tau.values"], groups["tau.values"])
+        return
+    # The first group's times are those of the rows.
+    assert np.isnan(columns["tau.values"][:50]).all()
+    np.testing.assert_allclose(columns["tau.values"][50:], columns["q.values"][50:], atol=1e-4)

@@ -429,3 +429,51 @@ def test_too_few_rows_a_second_are_the_reason_given(tmp_path, rate):
     (item,) = read_recordings(path, robot=machine("ur10"), metadata=accepted)
     with pytest.raises(DynidentError, match="rows a second: too few to choose the filters"):
         choose_preprocessing([item.recording])
+
+
+@pytest.mark.parametrize(
+    ("column", "word"),
+    [
+        ("state", lambda i, j: "INIT" if i < 20 else "RUN"),
+        ("mode", lambda i, j: "STOP" if i > 1500 else "RUN"),
+        ("direction", lambda i, j: ("Rx", "Tx")[(i + j) % 2]),
+        ("comment", lambda i, j: ("ok", "ok", "warn")[(i // 7) % 3]),
+    ],
+)
+@pytest.mark.parametrize("is_split", [False, True])
+def test_a_word_that_changes_within_a_signal_is_no_name_of_it(tmp_path, column, word, is_split):
+    run = recorded(*CASES[0])
+    names = [*counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    values = np.column_stack([run.q, run.tau])
+    nanoseconds = np.rint(1e9 * run.t).astype(int)
+    stamps = [f"{n // 10**9},{n % 10**9}" if is_split else f"{1e-9 * n:.9f}" for n in nanoseconds]
+    rows = [
+        f"{stamps[i]},{name},{values[i, j]:.9f},{word(i, j)}"
+        for i in range(len(values))
+        for j, name in enumerate(names)
+    ]
+    header = f"{'sec,nanosec' if is_split else 'timestamp'},signal,value,{column}"
+    path = written(tmp_path / "long.csv", "\n".join([header, *rows, ""]))
+    names_of_columns = open_source(path, None).names
+    assert {f"value_{name}" for name in names} <= set(names_of_columns)
+    if not is_split:
+        check_signals(read_as_proposed(path, machine("ur10"), None), run, column)
+    # A row at a change of state may be written twice, once with each word.
+    rows.insert(500, rows[500].rpartition(",")[0] + ",CHANGE")
+    twice = written(tmp_path / "twice.csv", "\n".join([header, *rows, ""]))
+    assert open_source(twice, None).names == names_of_columns
+
+
+@pytest.mark.parametrize(
+    ("names", "bad"),
+    [("sec,nanosec", -1), ("sec,nanosec", 2 * 10**9), ("Time[s],Time[ns]", -1), ("stamp_sec,stamp_nsec", 2 * 10**9)],
+)
+@pytest.mark.parametrize("rows", [20, 2000])
+def test_a_damaged_stamp_leaves_the_time_of_all_others(tmp_path, names, bad, rows):
+    nanoseconds = [(10**9 * k // 100) for k in range(rows)]
+    stamps = [[100 + n // 10**9, n % 10**9] for n in nanoseconds]
+    stamps[7][1] = bad
+    text = "\n".join([f"{names},q1,tau1", *(f"{s},{n},{np.sin(s + 1e-9 * n)},1" for s, n in stamps), ""])
+    source = open_source(written(tmp_path / "stamps.csv", text), None)
+    t = np.concatenate(list(source.blocks()))[:, 0]
+    np.testing.assert_allclose(np.delete(t, 7), np.delete(100 + 1e-9 * np.array(nanoseconds), 7), atol=1e-6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -155,7 +156,9 @@ _OF_SIGNALS = re.compile(
     re.IGNORECASE,
 )
 """Names of signals, one a row, as exports of historians and plots have them."""
-_OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|msecs?|milli(?:tm|s|sec\w*)|seq|index)$|^$", re.IGNORECASE)
+_OF_PARTS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|msecs?|milli(?:tm|s|sec\w*))$", re.IGNORECASE)
+"""Parts of a time."""
+_OF_ROWS = re.compile(rf"{_OF_PARTS.pattern}|(?:^|[^a-z])(?:seq|index)$|^$", re.IGNORECASE)
 """Columns of a row, and not of the joint that the row is of."""
 _MOST_JOINTS = 256
 _ROWS = 1000
@@ -408,23 +411,46 @@ def find_label_columns(
     ]
     running = _find_running_columns(source, others)
     others = [name for name in others if name not in running]
-    return _add_further_labels(labels, texts) if len(others) == 1 and not joints else labels, others, bool(joints)
+    if len(others) == 1 and not joints:
+        labels = _add_further_labels(source, labels, texts)
+    return labels, others, bool(joints)
 
 
-def _add_further_labels(labels: tuple[str, ...], texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+_AT_ONCE = 0.5
+"""Share of its instants at which a name stands more than once; of rows written twice now and then it is less."""
+
+
+def _add_further_labels(
+    source: FileSource, labels: tuple[str, ...], texts: Mapping[str, Sequence[str]]
+) -> tuple[str, ...]:
     """Return the labels, and further columns that tell signals of the same name apart, such as that of the message.
 
-    A few words tell signals apart; a unit does not, as it goes with the signal, nor do remarks.
+    They do where one name stands more than once at one time. A state or a mode changes from one time to another.
     """
-    n_rows = len(texts[labels[0]])
+    instants = _list_instants(source)
     for name in texts:
-        named, finer = (
-            {row for row in zip(*(texts[label] for label in own), strict=True) if all(row)}
-            for own in (labels, (*labels, name))
-        )
-        if name not in labels and len(named) < len(finer) <= min(_MOST_JOINTS, n_rows // 2):
+        if name in labels:
+            continue
+        rows = set(zip(instants, zip(*(texts[label] for label in labels), strict=True), texts[name], strict=False))
+        finer = {(row, word) for _, row, word in rows if all(row) and word}
+        n_words = Counter(row for _, row, word in rows if word)
+        n_instants = Counter(row for _, row in {(t, row) for t, row, word in rows if word})
+        is_told_apart = any(count > (1.0 + _AT_ONCE) * n_instants[row] for row, count in n_words.items())
+        if is_told_apart and len(finer) <= min(_MOST_JOINTS, len(texts[name]) // 2):
             labels = tuple(other for other in texts if other in (*labels, name))
     return labels
+
+
+def _list_instants(source: FileSource) -> list[tuple[str | float, ...]]:
+    """Return what the first rows have in their columns of time; nothing where there is none."""
+    names = [name for name in source.names if is_time_name(name) or _OF_PARTS.search(name)]
+    batch = next(iter(source.batches(names)), None) if names else None
+    if batch is None:
+        return []
+    columns = (
+        source.texts[name] if name in source.texts else to_float_column(batch, name, 0).tolist() for name in names
+    )
+    return list(zip(*columns, strict=False))
 
 
 def _find_running_columns(source: FileSource, names: Sequence[str]) -> set[str]:

@@ -436,15 +436,24 @@ def _find_milliseconds(source: FileSource) -> dict[str, tuple[str, str, float]]:
     return {_TIME: (times[0], parts[0], 1e-3)} if is_part and is_clock else {}
 
 
+_OF_STAMPS = re.compile(r"(?:^|[./])(?:secs? nanosecs?|secs nsecs)$", re.IGNORECASE)
+"""The fields of a stamp of ROS, one behind the other: they are never a time each."""
+_MOST_ROWS = 0.9
+"""Share of the rows that decides: a damaged one among them is no other kind of time."""
+
+
 def _is_split(source: FileSource, whole: str, part: str, scale: float) -> bool:
     """Tell whether a column has whole seconds, and another one less than a second: each may be a whole time."""
+    if _OF_STAMPS.search(f"{whole} {re.split('[./]', part)[-1]}"):
+        return True
     first = next(source.batches([whole, part]), None)
     if first is None:
         return False
     seconds, rest = (to_float_column(first, name, 0) for name in (whole, part))
     has_both = np.isfinite(seconds) & np.isfinite(rest)
     seconds, rest = seconds[has_both], scale * rest[has_both]
-    return bool((seconds == np.round(seconds)).all() and ((rest >= 0.0) & (rest <= 1.0)).all())
+    are_parts = (seconds == np.round(seconds)) & (rest >= 0.0) & (rest <= 1.0)
+    return not len(are_parts) or bool(are_parts.mean() >= _MOST_ROWS)
 
 
 class SplitStampSource(FileSource):

@@ -51,7 +51,9 @@ class DynamicsFits:
 
     def select_rows(self, rows: BoolArray) -> Self:
         """Return fits to some rows (m,) of the sample."""
-        return type(self)(self.robot, self._t[rows], self._segment[rows].astype(np.float64))
+        fits = type(self)(self.robot, self._t[rows], self._segment[rows].astype(np.float64))
+        fits.from_commands = self.from_commands
+        return fits
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         """Return the sample as a recording; None where it is too short.

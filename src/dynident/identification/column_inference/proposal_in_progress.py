@@ -164,13 +164,12 @@ class WorkingProposal:
         joints = fits.robot.joint_names
         names = dict(zip((f"q_{name}" for name in joints), positions, strict=True))
         names |= dict(zip((f"tau_{name}" for name in joints), efforts, strict=True))
+        # The checks use the names of a stored recording; the user knows only the file's.
+        ours = rf"(?<!\w)(?:{'|'.join(map(re.escape, sorted(names, key=len, reverse=True)))})(?!\w)"
         put_right = []
         for check in checks:
             if check.status != "ok":
-                detail = check.detail
-                for ours, column in names.items():
-                    # The checks use the names of a stored recording; the user knows only the file's.
-                    detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
+                detail = re.sub(ours, lambda match: rows.names[names[match[0]]], check.detail)
                 put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail, check.remedies))
         # Rows in which the drives are off, or samples are missing for long, must not be filled: they hold no torque.
         used = np.asarray(np.isfinite(np.hstack([right, measured])).all(axis=1))

@@ -229,13 +229,14 @@ class ArrayFileSource(FileSource):
             labelled = _chain_runs(runs)
             self.own_remarks = (
                 f"The file holds {len(runs)} runs with the same signals: they are read one behind another, each as a "
-                f"segment of its own{_describe_left_out(left_out)}.",
+                f"segment of its own{_describe_left_out(left_out, 'not every run has a value of in each row')}.",
             )
-        elif joined := _join_clocks(arrays):
-            labelled = _name_by_labels(joined)
+        elif (joined := _join_clocks(arrays))[0]:
+            labelled = _name_by_labels(joined[0])
+            left_out = [array.label or array.name for array in joined[1]]
             self.own_remarks = (
                 "Groups of arrays have times of their own: they are read at those of the longest, on a straight line "
-                "between two samples.",
+                f"between two samples{_describe_left_out(left_out, 'has no time')}.",
             )
         arrays = [array for array in labelled if max(array.shape) >= FEWEST_ROWS]
         if not arrays:
@@ -314,13 +315,13 @@ def _find_runs(arrays: Sequence[StoredArray]) -> tuple[list[dict[str, StoredArra
     return [], []
 
 
-def _describe_left_out(signals: Sequence[str]) -> str:
-    """Return which signals not all runs have, or not in rows of the same number."""
+def _describe_left_out(signals: Sequence[str], why: str) -> str:
+    """Return which signals are left out, such as those that not all runs have."""
     if not signals:
         return ""
     shown = ", ".join(name[:_SHOWN] for name in signals[:_SHOWN_SIGNALS])
     more = f" and {len(signals) - _SHOWN_SIGNALS} more" if len(signals) > _SHOWN_SIGNALS else ""
-    return f"; left out is what not every run has a value of in each row: {shown}{more}"
+    return f"; left out is what {why}: {shown}{more}"
 
 
 _SHOWN, _SHOWN_SIGNALS = 60, 8
@@ -365,8 +366,16 @@ def _name_by_labels(arrays: Sequence[StoredArray]) -> list[StoredArray]:
     return [replace(array, name=array.label) if called[array.label] == 1 else array for array in arrays]
 
 
-def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
-    """Return arrays of groups of different lengths at the times of the longest; nothing where not all have a time."""
+_SAME, _SHARED = 0.01, 0.5
+"""Steps by which two clocks differ that are taken for one; and the least share of the longer one that two clocks of
+equal length have in common: otherwise they count in different units or from different moments."""
+
+
+def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], list[StoredArray]]:
+    """Return arrays of groups with different clocks at the times of the longest, and those that have no time.
+
+    Nothing is returned where there is one clock, or the arrays without a time are most of the file.
+    """
     arrays = [array for array in arrays if max(array.shape) >= FEWEST_ROWS]
     clocks = {
         re.split(r"[./][^./]*$", array.name)[0]: array
@@ -374,30 +383,34 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> list[StoredArray]:
         if math.prod(array.shape) == max(array.shape) and is_time_name(array.name) and re.search(r"[./]", array.name)
     }
     groups: dict[str, list[StoredArray]] = {}
+    outside: list[StoredArray] = []
     for array in arrays:
         # A time is that of all that stands in its group, and deeper.
         around = [group for group in clocks if array.name.startswith((f"{group}.", f"{group}/"))]
-        if not around:
-            return []  # it belongs to the times of none
-        groups.setdefault(max(around, key=len), []).append(array)
+        (groups.setdefault(max(around, key=len), []) if around else outside).append(array)
     timed = {group: max(clock.shape) for group, clock in clocks.items()}
-    if len(set(timed.values())) < 2:
-        return []
-    main = max(timed, key=lambda group: timed[group])
+    if len(timed) < 2 or (outside and _find_length(arrays) not in timed.values()):
+        return [], []
+    main = max(reversed(timed), key=lambda group: timed[group])
     main_clock = clocks[main]
-    joined = [array for array in groups[main] if timed[main] in array.shape]
+    joined = [array for array in (*groups[main], *outside) if timed[main] in array.shape]
     # What is read at other times is held in memory, and all clocks are.
     n_held = timed[main] + sum(math.prod(own.shape) for group in groups if group != main for own in groups[group])
     if 8 * n_held > MOST_UNPACKED:
-        return []
+        return [], []
     t = _read_clock(main_clock)
+    is_one = True
     for group, clock in clocks.items():
         own = _read_clock(clock) if group != main else t
-        if not (np.diff(own) > 0.0).all() or own[0] > t[-1] or t[0] > own[-1]:
-            return []
+        is_as_long = len(own) == len(t)
+        shared = min(own[-1], t[-1]) - max(own[0], t[0])
+        least = _SHARED * max(np.ptp(own), np.ptp(t)) if is_as_long else 0.0
+        if not (np.diff(own) > 0.0).all() or not shared >= least:
+            return [], []
+        is_one &= is_as_long and bool(np.abs(own - t).max() <= _SAME * np.median(np.diff(t)))
         members = [array for array in groups[group] if array is not clock and timed[group] in array.shape]
         joined += [_resample(array, own, t) for array in members if group != main]
-    return joined
+    return ([], []) if is_one else (joined, [array for array in outside if timed[main] not in array.shape])
 
 
 def _read_clock(clock: StoredArray) -> FloatArray:
