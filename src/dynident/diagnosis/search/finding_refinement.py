@@ -95,10 +95,10 @@ def merge_findings_with_close_constants(
         if alike is None:
             merged.append((number, finding, choice))
             continue
-        first, kept, larger = merged[alike]
+        first, other, larger = merged[alike]
         own = tuple(name for name in robot.tree.joint_names if name in {*larger.joints, *choice.joints})
-        judged = _join_scores(kept.judged, finding.judged, own)
-        merged[alike] = first, replace(kept, judged=judged), replace(larger, joints=own)
+        judged = _join_scores(other.judged, finding.judged, own)
+        merged[alike] = first, replace(other, judged=judged), replace(larger, joints=own)
     # Merging went from large groups to small; the ranking keeps the order in which things were found.
     merged.sort(key=lambda item: item[0])
     return tuple(finding for _, finding, _ in merged), tuple(choice for _, _, choice in merged)
