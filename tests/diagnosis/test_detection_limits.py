@@ -76,6 +76,10 @@ def test_what_is_too_small_is_told_with_the_size_that_would_have_shown(clean):
     reason = clean.why_not("joint_spring", NAMES[0])
     assert dict(reason.values)["limit"] == find_limit(clean, "joint_spring", 0).size
     assert "These recordings would show it from" in reason.text
+    # A limit is that of certain constants.
+    shape = find_limit(clean, "backlash", 0).shape
+    assert shape
+    assert all(f"{name} = {value:.3g}" in clean.why_not("backlash", NAMES[0]).text for name, value in shape)
 
 
 def limit_of(effect: str, joint: str, share: float) -> DetectionLimit:

@@ -45,9 +45,10 @@ class DiagnosedModel(Framed):
     """A model with its diagnosis.
 
     `to_frame` has a row for each candidate, best first: rank, effect (its id), joints, constants (in words, with
-    units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value, significant,
-    recommended, separability (0 to 1), equivalent (ids with commas), evidence, choice (the text that `Model.extend`
-    takes), and reason (why it is a finding or not).
+    units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value (the probability
+    that the best of all candidates would gain as evenly over the blocks of time by chance; it counts all of them, so
+    that a larger t need not have a smaller p), significant, recommended, separability (0 to 1), equivalent (ids with
+    commas), evidence, choice (the text that `Model.extend` takes), and reason (why it is a finding or not).
 
     Parameters
     ----------

@@ -73,7 +73,8 @@ class Reason:
         text = _SENTENCES[self.code](self.step, values)
         if "limit" in values:
             unit = "" if values["unit"] == "-" else f" {values['unit']}"
-            text += f" These recordings would show it from {_number(values['limit'])}{unit} on."
+            constants = f" ({values['constants']})" if "constants" in values else ""
+            text += f" These recordings would show it from {_number(values['limit'])}{unit} on{constants}."
         return text
 
     @property

@@ -24,6 +24,7 @@ from dynident.diagnosis.search.search_state import (
     score_family,
 )
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
+from dynident.effects.effect_text_format import format_constant
 from dynident.regressors.model_structure import Model
 
 
@@ -143,7 +144,12 @@ def add_limits(outcomes: Sequence[CandidateOutcome], limits: Sequence[DetectionL
 
 
 def _add_limit(reason: Reason, limit: DetectionLimit) -> Reason:
-    return Reason.build(reason.code, reason.step, **{**dict(reason.values), "limit": limit.size, "unit": limit.unit})
+    values = {**dict(reason.values), "limit": limit.size, "unit": limit.unit}
+    if limit.shape:
+        # A limit is that of the same effect with these constants: with others it is another one.
+        rounded = ((name, float(f"{value:.3g}")) for name, value in limit.shape)
+        values["constants"] = ", ".join(format_constant(limit.effect, name, value) for name, value in rounded)
+    return Reason.build(reason.code, reason.step, **values)
 
 
 def list_untried(
