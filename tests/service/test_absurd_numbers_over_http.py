@@ -28,6 +28,12 @@ def _schemas(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield schema
 
 
+def state_kind(schema: dict[str, Any], name: str) -> str:
+    """The kind by which one of several schemas is chosen, as a body states it before its other fields."""
+    kind = schema["properties"].get("kind", {}).get("const")
+    return f'"kind": "{kind}", ' if kind and name != "kind" else ""
+
+
 def _bodies(schema: dict[str, Any], depth: int = 0) -> Iterator[str]:
     """JSON texts that hold one number for "@"; everything else is left out."""
     for one in _schemas(schema):
@@ -40,7 +46,7 @@ def _bodies(schema: dict[str, Any], depth: int = 0) -> Iterator[str]:
                 yield from (f"[{', '.join([text] + ['1'] * (count - 1))}]" for text in _bodies(item, depth + 1))
         elif kind == "object" and depth < 8:
             for name, inner in one.get("properties", {}).items():
-                yield from (f'{{"{name}": {text}}}' for text in _bodies(inner, depth + 1))
+                yield from (f'{{{state_kind(one, name)}"{name}": {text}}}' for text in _bodies(inner, depth + 1))
             if isinstance(one.get("additionalProperties"), dict):
                 yield from (f'{{"axis": {text}}}' for text in _bodies(one["additionalProperties"], depth + 1))
 

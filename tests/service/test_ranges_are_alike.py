@@ -11,7 +11,7 @@ from typing import Any, get_type_hints
 import pytest
 import typer
 from fastapi.testclient import TestClient
-from test_absurd_numbers_over_http import CONTRACT, NONE, _bodies
+from test_absurd_numbers_over_http import CONTRACT, NONE, _bodies, state_kind
 
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
@@ -50,7 +50,7 @@ def leaves(
     if depth > 8:
         return
     for name, inner in schema.get("properties", {}).items():
-        inside = wrap.replace("@", f'{{"{name}": @}}')
+        inside = wrap.replace("@", f'{{{state_kind(schema, name)}"{name}": @}}')
         for value, part, place in _numbers(inner):
             yield Leaf(
                 owner.removesuffix("-Input"), name, inside.replace("@", value), value, part, f"{pointer}/{name}{place}"

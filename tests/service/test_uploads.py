@@ -122,6 +122,7 @@ def scale(name: str, factor: float) -> Callable[[Columns], None]:
     [
         (spoiled(scale("t", 0.0)), "t", None),
         (spoiled(scale("tau1", 0.0)), "tau1", None),
+        (spoiled(scale("tau2", -1.0)), "tau2", None),
         (spoiled(lambda columns: columns.pop("tau2")), "tau2", None),
         (b"t,q1,q2,tau1,tau2\n0,0,0,0,0\n0.01,zero,0,0,0\n", "q1", None),
     ],
@@ -149,7 +150,6 @@ def test_a_bad_file_names_column_and_row_and_leaves_nothing_behind(
     [
         (spoiled(put("q2", 1000, np.nan)), "missing_values", "q2", 1001),
         (spoiled(put("tau1", 500, np.inf)), "missing_values", "tau1", 501),
-        (spoiled(scale("tau2", -1.0)), "torque_sign", "tau2", None),
     ],
 )
 def test_what_was_put_right_or_may_be_wrong_is_a_warning_with_column_and_row(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
+import sys
 from pathlib import Path
 
 from click.testing import Result
@@ -19,7 +21,9 @@ def run_commands(folder: Path, block: str) -> str:
         for line in block.splitlines():
             program, *arguments = shlex.split(line)
             assert program == "dynident", line
-            ended = CliRunner().invoke(app, arguments, prog_name=program, env={"COLUMNS": "200"})
+            # Programs that a command runs are found beside this Python, as in an environment that is active.
+            path = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
+            ended = CliRunner().invoke(app, arguments, prog_name=program, env={"COLUMNS": "200", "PATH": path})
             assert ended.exit_code == 0 or _judged(ended), f"{line}\n{ended.output}"
             told.append(ended.stdout)
     return "".join(told)
