@@ -1,4 +1,4 @@
-"""`DynidentError`: errors that a user can remove, each with a pointer to its place and remedies; `Cancelled`."""
+"""`DynidentError`: errors that a user can remove, with place and remedies; names that are misspelt; `Cancelled`."""
 
 from __future__ import annotations
 
@@ -100,6 +100,30 @@ class DynidentError(ValueError):
         # Jobs run in child processes. By default an exception is pickled with its `args` alone, which would lose
         # pointer and title.
         return (_rebuild, (type(self), self.detail, self.pointer, self.title, self.remedies))
+
+
+def check_names(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Check the names of arguments.
+
+    Parameters
+    ----------
+    owner : str
+        The function or class that takes them.
+    given, known : iterable of str
+        Names that it was given, and those that it takes.
+
+    Raises
+    ------
+    DynidentError
+        For the first that it does not take: says which it takes.
+    """
+    names = [name for name in known if name not in ("self", "cls")]
+    unknown = next((name for name in given if name not in names), None)
+    if unknown is None:
+        return
+    nearest = suggest_names(unknown, names) or "."
+    detail = f"{owner} takes no argument {unknown!r}{nearest} Its arguments are: {', '.join(names)}"
+    raise DynidentError(detail, pointer=unknown, title="Unknown argument")
 
 
 class Cancelled(Exception):

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from dynident.advice.campaign_request import CampaignRequest
-from dynident.errors import DynidentError, suggest_names
+from dynident.errors import DynidentError, check_names, suggest_names
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
 from dynident.identification.methods.base_classes import Estimator
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Drive, Limits, Robot
 from dynident.robot.description_formats import BASE_JOINTS
-from dynident.schema.fields import check_names
 
 _LONGEST = 60
 _TITLE = "Unusable argument"

@@ -7,14 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.advice.campaign import (
-    CampaignState,
-    Decision,
-    PlannedRun,
-    add_run,
-    plan_run,
-    start_campaign,
-)
+from dynident.advice.campaign import CampaignState, Decision, PlannedRun, add_run, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.advice.payload_goal import has_load, name_as_loaded
 from dynident.api.argument_checks import check_arguments, require

@@ -11,12 +11,12 @@ all requests, as much as the whole help of a command takes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterator, Mapping, Sized
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
 
-from dynident.errors import DynidentError, suggest_names
+from dynident.errors import DynidentError, check_names
 
 if TYPE_CHECKING:
     from dataclasses import _MISSING_TYPE
@@ -340,28 +340,6 @@ def get_default(request_field: Field[T]) -> T | Missing:
         The default, made anew where the field has a factory.
     """
     return request_field.default if request_field.default_factory is MISSING else request_field.default_factory()
-
-
-def check_names(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Check the names of arguments.
-
-    Parameters
-    ----------
-    owner : str
-        The function or class that takes them.
-    given, known : iterable of str
-        Names that it was given, and those that it takes.
-
-    Raises
-    ------
-    DynidentError
-        For the first that it does not take: says which it takes.
-    """
-    names = [name for name in known if name not in ("self", "cls")]
-    for wrong in [name for name in given if name not in names][:1]:
-        nearest, all_names = suggest_names(wrong, names) or ".", ", ".join(names)
-        detail = f"{owner} takes no argument {wrong!r}{nearest} Its arguments are: {all_names}"
-        raise DynidentError(detail, pointer=wrong, title="Unknown argument")
 
 
 class Request:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, find_outlying_spans
+from dynident.estimation import Errors, OutlyingSpan, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.identified_models.fit_model import OF_COMMANDS
 from dynident.identification.recording_faults import VETOES
@@ -217,7 +217,8 @@ def verdict(
         silent = ", ".join(identification.model.robot.joints_without_torque)
         sentence = f"Not for {silent}, whose torque was not recorded."
         reservations.append(UseFinding("limited", sentence, NextStep(f"Record the torque of {silent}, too.")))
-    reservations += _list_disturbances(identification)
+    spans = () if at_rest else find_outlying_spans(identification.data.training).spans
+    reservations += _list_disturbances(spans)
     from_commands = identification.data.from_commands or any(
         recording.torque_from_commands for recording in (*recordings, *validation)
     )
@@ -265,7 +266,7 @@ def verdict(
         identification.held_out_moving,
         stop,
         common,
-        tuple(_list_next_steps(identification, stop, common, from_commands=from_commands)),
+        tuple(_list_next_steps(identification, stop, common, spans, from_commands=from_commands)),
         drift,
         force,
         mass,
@@ -281,9 +282,8 @@ def _validate_contacts(evidence: HeldOutEvidence) -> tuple[CollisionValidation |
         return None, error.detail
 
 
-def _list_disturbances(identification: Identification) -> list[UseFinding]:
+def _list_disturbances(spans: Sequence[OutlyingSpan]) -> list[UseFinding]:
     """List the seconds of the fit in which something else than the robot acted, as limits of every use."""
-    spans = () if identification.model.is_at_rest else find_outlying_spans(identification.data.training).spans
     step = NextStep("Leave these seconds out of the fit, or find what acted there.", "diagnose")
     return [
         UseFinding(
@@ -427,7 +427,12 @@ def _replace_diagnosis(findings: Sequence[UseFinding]) -> list[UseFinding]:
 
 
 def _list_next_steps(
-    identification: Identification, stop: Stop | None, common: Sequence[DataOverlap], *, from_commands: bool
+    identification: Identification,
+    stop: Stop | None,
+    common: Sequence[DataOverlap],
+    spans: Sequence[OutlyingSpan],
+    *,
+    from_commands: bool,
 ) -> list[str]:
     if stop is not None and stop.apply is not None:
         return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
@@ -443,7 +448,7 @@ def _list_next_steps(
     # Disturbances come first: they shift all parameters, and cost a window of time to leave out.
     steps = [
         f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where an external disturbance acted."
-        for span in find_outlying_spans(identification.data.training).spans
+        for span in spans
     ]
     if identification.model.is_at_rest:
         return [_judge_poses(identification), "Record a designed motion to identify the dynamics."]

@@ -195,12 +195,12 @@ def search_faults(
             break
         fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
         mended = step.fault.mend(motion)
-        scores = (judges.offset_fit.measure_unexplained(rows).score for rows in (motion, mended))
-        if judge is judges.plain_fit and next(scores) - next(scores) < BESIDE_OFFSETS * fall:
-            # A constant torque explains the same, so the search goes on with constant torques in the model.
-            judge = judges.offset_fit
-            now = judge.measure_unexplained(motion)
-            continue
+        if judge is judges.plain_fit:
+            before, after = (judges.offset_fit.measure_unexplained(rows) for rows in (motion, mended))
+            if before.score - after.score < BESIDE_OFFSETS * fall:
+                # A constant torque explains the same, so the search goes on with constant torques in the model.
+                judge, now = judges.offset_fit, before
+                continue
         if step.fault.own_joints in find_drives_off(judge.measure_frictions(motion), SURELY_ON):
             # A motor that hardly works may drive its joint by what its torque lacks: no reason to order a cure.
             summed = now.compute_fall_to(step.unexplained) * float(now.moving.sum())
