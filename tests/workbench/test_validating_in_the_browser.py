@@ -55,6 +55,7 @@ def test_a_method_is_chosen_validated_and_exported(
     expect(page.locator("ul.verdicts li[data-kind=cross] .chip")).to_have_class(
         f"chip verdict {found['cross']['verdict']}"
     )
+    page.click("#exports > summary")
     with page.expect_download() as download:
         page.get_by_role("link", name="JSON", exact=True).click()
     assert b"parameters" in Path(download.value.path()).read_bytes()
@@ -89,6 +90,7 @@ def test_a_model_that_no_links_have_says_so_and_offers_the_nearest(page: Any, re
             body='{"title": "Not physically feasible", "status": 422, "detail": "no bodies: the link of elbow"}',
         ),
     )
+    page.click("#exports > summary")
     page.get_by_role("link", name="URDF", exact=True).click()
     expect(page.get_by_role("alert")).to_contain_text("the link of elbow")
     with page.expect_download() as download:

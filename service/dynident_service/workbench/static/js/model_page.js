@@ -127,8 +127,8 @@ function warnings(result) {
 function actions(model, ways) {
   const said = h("div");
   const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, said) }, words));
-  // Where there is room for one column alone, the formats would push the verdict off the screen.
-  const exports = h("details", { open: matchMedia("(min-width: 1021px)").matches, id: "exports" }, h("summary", {}, "Export the model"), h("p", { class: "actions" }, exportLinks(model, ways.exports, said)));
+  // Folded: the formats would push the verdict down.
+  const exports = h("details", { id: "exports" }, h("summary", {}, "Export the model"), h("p", { class: "actions" }, exportLinks(model, ways.exports, said)));
   return [h("p", { class: "actions" }, reports), exports, said];
 }
 
