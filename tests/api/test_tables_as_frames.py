@@ -176,6 +176,28 @@ def test_a_designed_motion_is_what_is_saved(motion: dy.DesignedMotion, tmp_path:
     np.testing.assert_allclose(frame, saved, atol=1e-9)
 
 
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_what_is_a_frame_can_be_saved(
+    compared: dy.Comparisons,
+    found: dy.DiagnosedModel,
+    changed: dy.Changes,
+    better: dy.Model,
+    tmp_path: Path,
+    ending: str,
+) -> None:
+    read = {".csv": pandas.read_csv, ".parquet": pandas.read_parquet}[ending]
+    for what in (compared, found, changed, better.ladder, better.parameters, better.errors):
+        what.save(tmp_path / f"table{ending}")
+        saved, frame = read(tmp_path / f"table{ending}"), what.to_frame("pandas")
+        if frame.index.name:
+            frame = frame.reset_index()
+        assert list(saved.columns) == list(frame.columns)
+        numbers = frame.select_dtypes("number").columns
+        np.testing.assert_allclose(saved[numbers].astype(float), frame[numbers].astype(float), rtol=1e-9)
+    # The last of them has names of rows: they are the first column.
+    assert list(better.robot.joint_names) == saved.iloc[:, 0].tolist()[: better.robot.n]
+
+
 class Frame:
     """Stands for a data frame of polars, which has no place for units."""
 

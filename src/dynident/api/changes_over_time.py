@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
-import pyarrow as pa
-
 from dynident.api.argument_checks import check_arguments
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
@@ -21,15 +19,13 @@ from dynident.api.named_tables import Framed, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.errors import DynidentError
-from dynident.file_output import TABLE_ENDINGS, check_ending, check_folder_exists, write_atomically
+from dynident.file_output import check_folder_exists, write_atomically
 from dynident.identification import Identification
 from dynident.presentation.diagnosis_tables import EVIDENCE, build_diagnosis_tables, build_series_tables
 from dynident.presentation.labels import format_hidden_effects, format_joints
 from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings.arrow_tables import write_table
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
-from dynident.text_encoding import escape_surrogates
 
 if TYPE_CHECKING:
     from dynident.diagnosis.monitoring import Day, Measure, Series, SeriesChange
@@ -87,24 +83,6 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
             The changes over all days, the earlier and the new ones.
         """
         return _extend_series(self.model, self.measure, self.days, days, progress)
-
-    def save(self, path: str | Path) -> None:
-        """Write the columns of `to_frame` as .csv or .parquet.
-
-        Parameters
-        ----------
-        path : path
-            The file to write; its ending decides on the format.
-
-        Raises
-        ------
-        DynidentError
-            For another ending, or a folder that does not exist.
-        """
-        path, columns = check_ending(path, TABLE_ENDINGS), dict(self._columns().columns)
-        # Names come from files and may hold lone surrogates, which no table takes.
-        columns |= {name: list(map(escape_surrogates, columns[name])) for name in ("parameter", "joint", "day")}
-        write_table(pa.table(columns), path)
 
     def _columns(self) -> Table:
         rows = [

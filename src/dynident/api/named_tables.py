@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 
 from dynident.api.argument_checks import KnownNames
 from dynident.errors import DynidentError
+from dynident.file_output import TABLE_ENDINGS, check_ending
 from dynident.number_format import format_number
 from dynident.optional_dependencies import format_install_hint
 from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
+from dynident.text_encoding import escape_surrogates
 
 if TYPE_CHECKING:
     # For type checkers and editors alone: users have one of them, or none.
@@ -70,6 +73,28 @@ class Framed(KnownNames, ABC):
             It is indexed by the names of columns: `table["t"]`.
         """
         return self._columns()
+
+    def save(self, path: str | Path) -> None:
+        """Write the columns of `to_table` as .csv or .parquet.
+
+        Parameters
+        ----------
+        path : path
+            The file to write; its ending decides on the format. Names of rows become the first column.
+
+        Raises
+        ------
+        DynidentError
+            For another ending, or a folder that does not exist.
+        """
+        # Imported here: a table that is only printed can do without Arrow.
+        import pyarrow as pa
+
+        from dynident.recordings.arrow_tables import write_table
+
+        path, columns = check_ending(path, TABLE_ENDINGS), _name_rows(self._columns())
+        # Names come from files and may hold lone surrogates, which no table takes.
+        write_table(pa.table({_escape(name): _escape_texts(values) for name, values in columns.items()}), path)
 
     @abstractmethod
     def _columns(self) -> Table: ...
@@ -208,6 +233,21 @@ def build_columns(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Tab
     return Table({name: [row[k] for row in rows] for k, name in enumerate(names)})
 
 
+def _name_rows(table: Table) -> dict[str, Sequence[object] | NDArray[np.generic]]:
+    """Return the columns with the names of the rows as the first of them."""
+    return {**({table.label_name: list(table.labels)} if table.labels else {}), **table.columns}
+
+
+def _escape_texts(values: Sequence[object] | NDArray[np.generic]) -> Sequence[object] | NDArray[np.generic]:
+    # Signals are long, and hold numbers alone.
+    is_signal = isinstance(values, np.ndarray) and values.dtype.kind in "biuf"
+    return values if is_signal else list(map(_escape, values))
+
+
+def _escape(value: Any) -> Any:
+    return escape_surrogates(value) if isinstance(value, str) else value
+
+
 def _to_python(value: object) -> object:
     """Return a number of NumPy as one of Python, which prints itself as a number alone."""
     return value.item() if isinstance(value, np.generic) else value
@@ -246,9 +286,7 @@ def _build_frame(table: Table, library: FrameLibrary | None) -> pandas.DataFrame
             if table.units:
                 frame.attrs["units"] = dict(table.units)
             return frame
-        # Rows of polars have no names: they become the first column.
-        labelled = {table.label_name: list(table.labels)} if table.labels else {}
-        columns: polars.DataFrame = module.DataFrame({**labelled, **table.columns})
+        columns: polars.DataFrame = module.DataFrame(_name_rows(table))
         return columns
     wanted = library or "pandas or polars"
     hint = "install it with: pip install polars" if library == "polars" else format_install_hint("pandas")
