@@ -87,8 +87,8 @@ class RobotAdditions:
         typer.Option(
             "--lock",
             metavar="JOINT[=POSITION],…",
-            help="Joints that do not move or are in no recording (such as a gripper's), with positions in rad (m); 0 by "
-            "default.",
+            help="Joints that do not move or are in no recording (such as a gripper's), with positions in rad (m), by "
+            "default 0.",
         ),
     ] = ""
     gravity: Annotated[
