@@ -364,8 +364,8 @@ class TorqueGoal(TypedDict, total=False):
     """Largest relative error of the predicted torque of any joint, or of any named parameter (above 0 to 1)"""
     kind: Literal["torque"]
     region_ids: Sequence[str]
-    """Measurements of motions of the application, in which the torque shall be predicted; by default all that the
-    limits allow, up to `speed`"""
+    """Recordings of the application, for whose motions the torque is to be predicted; by default all states within the
+    limits, up to `speed`"""
     speed: float
     """Share of the velocity and acceleration limits up to which the torque is to be predicted (above 0 to 1)"""
 

@@ -128,7 +128,9 @@ class Campaign(Framed):
             Before the first run.
         """
         if self._state.identification is None:
-            raise DynidentError("there is no model before the first run: tell(…) its recording", title="No run yet")
+            raise DynidentError(
+                "there is no model before the first run: give its recording to tell(…)", title="No run yet"
+            )
         return Model(self._state.identification, self._recordings)
 
     @property

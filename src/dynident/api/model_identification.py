@@ -138,21 +138,21 @@ class _GrowingArrays:
             t, q, tau = (np.asarray(block[kind], dtype=np.float64) for kind in ("t", "q", "tau"))
             heat = None if "temperature" not in block else np.asarray(block["temperature"], dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise _block_error(f"it holds something else than numbers: {error}") from error
+            raise _block_error(f"it contains something else than numbers: {error}") from error
         shape = len(t) if t.ndim == 1 else -1, self._robot.n
         if any(values is not None and values.shape != shape for values in (q, tau, heat)):
             raise _block_error(f"t has to be (m,), and q, tau and temperature (m, {self._robot.n})")
         if not len(t):
             return
         if not all(np.isfinite(values).all() for values in (t, q, tau, heat) if values is not None):
-            raise _block_error("it holds something that is no number")
+            raise _block_error("it contains a value that is not a finite number")
         times = np.append(self._last_time, t) if np.isfinite(self._last_time) else t
         steps = np.diff(times)
         if (steps <= 0.0).any():
-            raise _block_error("its times have to rise, also over the block before")
+            raise _block_error("its times have to increase, also from the block before")
         if not self._period:
             if len(t) < _FEWEST_FIRST:
-                raise _block_error(f"the first one needs at least {_FEWEST_FIRST} rows, which tell the sampling rate")
+                raise _block_error(f"the first one needs at least {_FEWEST_FIRST} rows, to determine the sampling rate")
             self._period = float(np.median(steps))
         # The usual step of the newest rows: single steps are off by jitter, or gaps.
         recent = np.append(self._steps, steps)
@@ -196,7 +196,7 @@ _OFF_RATE = 0.2
 
 
 def _block_error(detail: str) -> DynidentError:
-    return DynidentError(f"this is no block of a recording: {detail}", pointer="blocks", title="Unusable block")
+    return DynidentError(f"this is not a block of a recording: {detail}", pointer="blocks", title="Unusable block")
 
 
 @check_arguments

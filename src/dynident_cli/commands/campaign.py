@@ -171,7 +171,7 @@ def _describe_plan(planned: PlannedRun, path: Path, worst: str) -> str:
 def _wait_for_load(console: Console, was_told: bool) -> None:
     """Wait until the load is mounted; without a terminal, end the first time that it is asked for."""
     if sys.stdin.isatty():
-        typer.confirm("Is the load mounted, and nobody near the robot?", default=True, abort=True, err=True)
+        typer.confirm("Is the load mounted, and is everybody away from the robot?", default=True, abort=True, err=True)
     elif not was_told:
         console.print("Mount the load, then give the same command again.")
         raise typer.Exit(EXIT_MISSED)
