@@ -149,8 +149,8 @@ class CampaignRunView(ViewModel):
         description="Errors of this run's torque, predicted by the model before this run; null for the first run"
     )
     parameters: list[float | None] = Field(
-        description="Errors (95 %) from uncertain parameters; of a load, relative to the requested error. Null for an effect "
-        "that would not have shown at any size, and for a load before it is mounted"
+        description="Errors (95 %) from uncertain parameters; of a load, relative to the requested error. Null for an "
+        "effect that would not have shown at any size, and for a load before it is mounted"
     )
     lacking: list[float] = Field(description="Errors over the region, from what the model lacks")
     achieved: Annotated[list[float | None], SourcePath("errors")] = Field(
@@ -203,8 +203,8 @@ class CampaignView(WithTables):
         description="What the errors are of: joints, parameters, effects or quantities of a load, by name"
     )
     state: CampaignPhase = Field(
-        description="asking: the next motion has to be designed; waiting: execute it and send its recording; stopped: the "
-        "budget is used up"
+        description="asking: the next motion has to be designed; waiting: execute it and send its recording; stopped: "
+        "the budget is used up"
     )
     decision: CampaignDecision
     robot_time: float = Field(description="Robot time of all runs so far, s")
