@@ -65,7 +65,7 @@ html_show_search_summary = False
 CONTENTS = {
     "Begin": [
         *(f"docs/{page}" for page in ("installation", "tutorial", "notebook", "workbench", "agents", "my-robot")),
-        "docs/concepts",
+        *("docs/file-formats", "docs/concepts"),
     ],
     "How to": sorted(f"docs/how-to/{page.stem}" for page in (ROOT / "docs" / "how-to").glob("*.md")),
     "In depth": [
