@@ -63,7 +63,10 @@ html_theme_options = {"top_of_page_buttons": []}
 html_show_search_summary = False
 
 CONTENTS = {
-    "Begin": ["docs/tutorial", "docs/notebook", "docs/workbench", "docs/agents", "docs/my-robot", "docs/concepts"],
+    "Begin": [
+        *(f"docs/{page}" for page in ("installation", "tutorial", "notebook", "workbench", "agents", "my-robot")),
+        *("docs/file-formats", "docs/concepts"),
+    ],
     "How to": sorted(f"docs/how-to/{page.stem}" for page in (ROOT / "docs" / "how-to").glob("*.md")),
     "In depth": [
         *(f"docs/{page}" for page in ("methods", "experiments", "campaigns", "surroundings", "drive-chain")),

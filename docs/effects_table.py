@@ -1,9 +1,8 @@
-"""Write what the catalogue says into README.md (the table) and docs/effects.md: `python docs/effects_table.py`."""
+"""Write docs/effects.md from the catalogue: `python docs/effects_table.py`."""
 
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -46,7 +45,7 @@ def table() -> str:
 
 def page() -> str:
     """The page of the catalogue."""
-    return "\n".join([INTRODUCTION, *(section(effect) for effect in CATALOGUE.values())])
+    return "\n".join([INTRODUCTION, f"{table()}\n", *(section(effect) for effect in CATALOGUE.values())])
 
 
 def section(effect: Effect) -> str:
@@ -110,11 +109,7 @@ def _tried(effect: Effect) -> str:
 
 
 def write() -> None:
-    """Write both."""
-    readme = HERE.parent / "README.md"
-    text = readme.read_text(encoding="utf-8")
-    marked = re.compile(r"(<!-- python docs/effects_table.py -->\n).*?(\n<!-- end of the table -->)", re.DOTALL)
-    readme.write_text(marked.sub(lambda found: f"{found[1]}{table()}{found[2]}", text), encoding="utf-8")
+    """Write the page."""
     (HERE / "effects.md").write_text(page(), encoding="utf-8")
 
 

@@ -53,7 +53,7 @@ ModelArgument = Annotated[
 Measurements = Annotated[
     list[Path],
     typer.Argument(
-        metavar="MEASUREMENT",
+        metavar="RECORDING",
         help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, JSON, Parquet, NumPy, "
         "MAT, HDF5, bags, MCAP. Join the files of one recording with +: q.csv+dq.csv+tau.csv.",
         show_default=False,
@@ -63,7 +63,7 @@ Measurements = Annotated[
 Validation = Annotated[
     list[Path],
     repeatable_file_option(
-        "--validation", "-v", help="Held-out measurement, which no parameter is fitted to; may be repeated."
+        "--validation", "-v", help="Held-out recording, to which no parameter is fitted; may be repeated."
     ),
     READABLE_FILE,
 ]
@@ -87,8 +87,8 @@ class RobotAdditions:
         typer.Option(
             "--lock",
             metavar="JOINT[=POSITION],…",
-            help="Joints that do not move or that no recording contains (such as a gripper's), with their "
-            "positions in rad (m); 0 by default.",
+            help="Joints that do not move or are in no recording (such as a gripper's), with positions in rad (m), by "
+            "default 0.",
         ),
     ] = ""
     gravity: Annotated[
@@ -104,7 +104,7 @@ class RobotAdditions:
         typer.Option(
             "--base",
             metavar="KIND",
-            help="How the root link moves: fixed, floating or planar. By default as the description says.",
+            help="How the root link moves: fixed, floating or planar; by default as in the description.",
         ),
     ] = ""
     contacts: Annotated[
@@ -123,7 +123,7 @@ class RobotAdditions:
         typer.Option(
             "--has-not",
             metavar="PART,…",
-            help="Parts that it does not have: no diagnosis proposes their effects.",
+            help="Parts that the robot does not have; a diagnosis does not propose their effects.",
         ),
     ] = ""
 
@@ -178,23 +178,22 @@ class TimedReading:
         repeatable_option(
             "--metadata",
             metavar="[NAME=]FILE",
-            help="Metadata of all files, or of the file with that name, as `dynident inspect --out` or a report "
-            "writes them; may be repeated.",
+            help="Metadata, as `dynident inspect --out` or a report writes them, of all files or of the file with that "
+            "name; may be repeated.",
         ),
     ] = field(default_factory=list)
     as_proposed: Annotated[
         bool,
         typer.Option(
             "--as-proposed/--no-as-proposed",
-            help="Use the columns that `dynident inspect` proposes, if it asks no question.",
+            help="Use the columns that `dynident inspect` proposes; fail if it asks a question.",
         ),
     ] = False
     cure: Annotated[
         bool,
         typer.Option(
             "--cure/--no-cure",
-            help="Correct what a check refuses as the check proposes (order, sign, unit, …), and report the "
-            "correction.",
+            help="Correct faults as the checks propose (order, sign, unit, …), and report each correction.",
         ),
     ] = False
 

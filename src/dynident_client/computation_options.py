@@ -50,7 +50,7 @@ class CampaignOptions(TypedDict, total=False):
     first_speed: float
     """Share of the velocity limits that the first run keeps to (above 0 to 1)"""
     goal: TorqueGoal | ParametersGoal | EffectsGoal | PayloadGoal
-    """What is to be known"""
+    """Goal of the campaign"""
     home: Sequence[float] | None
     """Posture where the motion begins and ends, in rad or m"""
     limits: Mapping[str, Limits]
@@ -61,7 +61,7 @@ class CampaignOptions(TypedDict, total=False):
     seed: int
     """The same seed gives the same result (0 to 9.0072e+15)"""
     starts: int | None
-    """Number of starts of the optimisation; as many as the time allows, or 4 (1 to 1e+06)"""
+    """Number of starts of the optimisation; by default 4, or as many as the time budget allows (1 to 1e+06)"""
     surroundings: Surroundings
     """What the robot must not touch"""
     time_budget: float | None
@@ -122,7 +122,7 @@ class DesignOptions(TypedDict, total=False):
     seed: int
     """The same seed gives the same result (0 to 9.0072e+15)"""
     starts: int | None
-    """Number of starts of the optimisation; as many as the time allows, or 4 (1 to 1e+06)"""
+    """Number of starts of the optimisation; by default 4, or as many as the time budget allows (1 to 1e+06)"""
     surroundings: Surroundings
     """What the robot must not touch"""
     time_budget: float | None
@@ -138,14 +138,15 @@ class DiagnosisOptions(TypedDict, total=False):
     candidates: Sequence[str] | None
     """Ids of the effects to try; the whole catalogue if not given"""
     has: Sequence[str]
-    """Parts that the robot has, beside those stated with it: gravity_compensator, spring, cable, coupled_wrist"""
+    """Parts that the robot has, besides those stated with it: gravity_compensator, spring, cable, coupled_wrist"""
     has_not: Sequence[str]
-    """Parts that the robot does not have, beside those stated with it"""
+    """Parts that the robot does not have, besides those stated with it"""
     max_effects: int | None
     """Largest number of recommended effects; contacts do not count (1 to 100)"""
     name: str | None
     significance: float
-    """Largest p-value of a finding: the probability that anything is named where nothing is missing (0.001 to 0.2)"""
+    """Largest p-value of a finding: the probability that an effect is named although nothing is missing (0.001 to
+    0.2)"""
 
 
 class DriveGainsOptions(TypedDict, total=False):
@@ -267,10 +268,11 @@ class PayloadGoal(TypedDict, total=False):
     """A load on the last link whose mass and centre are known as well as asked for."""
 
     centre_error: float
-    """For the goal payload: each coordinate of its centre to within so much, in m (above 0 to 1e+16)"""
+    """For the goal payload: half-width of the 95 % interval of each coordinate of its centre, in m (above 0 to
+    1e+16)"""
     kind: Literal["payload"]
     mass_error: float
-    """For the goal payload: the mass to within so much, in kg (above 0 to 1e+16)"""
+    """For the goal payload: half-width of the 95 % interval of the mass, in kg (above 0 to 1e+16)"""
     quantities: Sequence[Literal["mass", "centre_x", "centre_y", "centre_z"]]
     """What is to be known; the centre is in the frame of the last joint"""
     unloaded_runs: int
@@ -362,8 +364,8 @@ class TorqueGoal(TypedDict, total=False):
     """Largest relative error of the predicted torque of any joint, or of any named parameter (above 0 to 1)"""
     kind: Literal["torque"]
     region_ids: Sequence[str]
-    """Measurements of motions of the application, in which the torque shall be predicted; by default all that the
-    limits allow, up to `speed`"""
+    """Recordings of the application, for whose motions the torque is to be predicted; by default all states within the
+    limits, up to `speed`"""
     speed: float
     """Share of the velocity and acceleration limits up to which the torque is to be predicted (above 0 to 1)"""
 

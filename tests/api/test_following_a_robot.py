@@ -156,12 +156,12 @@ def test_a_later_block_of_another_kind_is_refused(change: Any, size: int) -> Non
     first, later = ({name: values[part] for name, values in rows.items()} for part in (slice(200), slice(200, 400)))
     blocks = [*in_blocks(first), *in_blocks(change(later), size)]
     assert list(dy.follow(ROBOT, in_blocks(first)))
-    with pytest.raises(dy.DynidentError, match="this is no block"):
+    with pytest.raises(dy.DynidentError, match="this is not a block"):
         list(dy.follow(ROBOT, blocks))
 
 
 def test_temperatures_have_to_be_numbers() -> None:
-    with pytest.raises(dy.DynidentError, match="no number"):
+    with pytest.raises(dy.DynidentError, match="not a finite number"):
         list(dy.follow(ROBOT, [{**ROWS, "temperature": np.full((20, 3), np.nan)}]))
 
 

@@ -94,7 +94,7 @@ def test_the_page_can_be_followed(cell: Path, tmp_path: Path, capsys: pytest.Cap
 
 def test_every_page_is_followed_and_none_needs_more_than_six_commands_to_the_first_error() -> None:
     assert {page.name for page in PAGES.glob("*.md")} == set(PROMISED)
-    first = (PAGES / "foreign-file.md").read_text(encoding="utf-8").split("## Where it asks")[0]
+    first = (PAGES / "foreign-file.md").read_text(encoding="utf-8").split("## If a question is open")[0]
     typed = re.findall(r"^(?:pip|dynident) .*$", first, re.MULTILINE)
     assert typed[0].startswith("pip install")
     assert next(k for k, line in enumerate(typed) if "identify" in line) < 6

@@ -117,7 +117,7 @@ def test_without_the_service_every_other_command_works_and_its_own_say_what_to_i
     for line in told[len(OF_SCIENCE.splitlines()) :]:
         assert line.startswith("2 "), line
         assert line.endswith("pip install 'dynident[service]'"), line
-    said = (ROOT / "README.md").read_text(encoding="utf-8")
+    said = (ROOT / "docs" / "installation.md").read_text(encoding="utf-8")
     (row,) = re.findall(r"^\| `\[science\]` \|(.*)$", said, re.MULTILINE)
     assert set(re.findall(r"`([a-z-]+)`", row)) == {line.split()[0] for line in OF_SERVICE.splitlines()}
 

@@ -1,4 +1,4 @@
-"""The README holds word by word: its table, its links, and every snippet, run in its order on a virtual robot."""
+"""The README holds word by word: its thresholds and every snippet, run in its order on a virtual robot."""
 
 import os
 import re
@@ -22,11 +22,6 @@ from dynident.validation.contact_detection import HAND_CONTACT_FORCE_LIMIT
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROGRAMS = Path(sys.executable).parent
-
-
-def test_the_table_of_effects_is_that_of_the_catalogue() -> None:
-    table = runpy.run_path(str(ROOT / "docs" / "effects_table.py"))["table"]()
-    assert f"\n{table}\n" in README, "run `python docs/effects_table.py`"
 
 
 def test_the_page_of_effects_is_that_of_the_catalogue() -> None:

@@ -41,8 +41,8 @@ class TorqueGoal(RequestModel):
     region_ids: list[Identifier] = Field(
         default=[],
         max_length=100,
-        description="Measurements of motions of the application, in which the torque shall be predicted; by default "
-        "all that the limits allow, up to `speed`",
+        description="Recordings of the application, for whose motions the torque is to be predicted; by default all "
+        "states within the limits, up to `speed`",
     )
 
 
@@ -107,7 +107,7 @@ class CampaignRequest(NamedRequest):
     goal: Annotated[TorqueGoal | ParametersGoal | EffectsGoal | PayloadGoal, Field(discriminator="kind")] = TorqueGoal()
     budget: Budget = Budget()
     measurement_ids: list[Identifier] = Field(
-        default=[], max_length=100, description="Measurements that the campaign begins with, as if they had been told"
+        default=[], max_length=100, description="Recordings that already exist and that the campaign uses first"
     )
     effects: Effects | None = Field(default=None, description="Effects of the first model; by default the usual ones")
     limits: dict[str, Limits] = Field(default={})
@@ -131,7 +131,7 @@ class TellRequest(RequestModel):
 
     measurement_id: Identifier
     design_id: Identifier | None = Field(
-        default=None, description="The motion that was made; by default, the last one that was asked for"
+        default=None, description="The motion that was executed; by default, the last one that was designed"
     )
 
 
@@ -143,19 +143,21 @@ class CampaignRunView(ViewModel):
     name: str
     seconds: float
     promised: list[float | None] | None = Field(
-        description="Errors that its motion promised; null: it was not planned, of one target: without a bound"
+        description="Errors that its motion promised; null if the run was not planned, or for a target without a bound"
     )
     predicted: list[float] | None = Field(
-        description="Errors of this run's torque as the model before it predicted it; null for the first run"
+        description="Errors of this run's torque, predicted by the model before this run; null for the first run"
     )
     parameters: list[float | None] = Field(
-        description="Errors from uncertain parameters, with 95 %, of a load over that asked for; null of an effect "
-        "that would have shown at no size, and of a load before it is mounted"
+        description="Errors (95 %) from uncertain parameters; of a load, relative to the requested error. Null for an "
+        "effect that would not have shown at any size, and for a load before it is mounted"
     )
-    lacking: list[float] = Field(description="Errors over the region from what the model lacks")
-    achieved: Annotated[list[float | None], SourcePath("errors")] = Field(description="Errors from both")
-    added: list[EffectChoice] = Field(description="Effects in the model beyond those asked for")
-    is_changed: bool = Field(description="Whether these are others than after the run before")
+    lacking: list[float] = Field(description="Errors over the region, from what the model lacks")
+    achieved: Annotated[list[float | None], SourcePath("errors")] = Field(
+        description="Root of the sum of the squares of both errors"
+    )
+    added: list[EffectChoice] = Field(description="Effects that the campaign added to the model")
+    is_changed: bool = Field(description="Whether the added effects differ from those after the previous run")
 
 
 class CampaignDecision(ViewModel):
@@ -201,11 +203,11 @@ class CampaignView(WithTables):
         description="What the errors are of: joints, parameters, effects or quantities of a load, by name"
     )
     state: CampaignPhase = Field(
-        description="asking: ask for the next motion; waiting: make it and tell its recording; stopped: nothing is "
-        "left of the budget"
+        description="asking: the next motion has to be designed; waiting: execute it and send its recording; stopped: "
+        "the budget is used up"
     )
     decision: CampaignDecision
-    robot_time: float = Field(description="Of all runs so far, s")
+    robot_time: float = Field(description="Robot time of all runs so far, s")
     promised: float | None = Field(description="Error of the worst target that the last motion promises")
     achieved: float | None = Field(description="Error of the worst target after the last run")
     design_id: str | None = Field(description="The motion to make; null if none is waiting")

@@ -72,7 +72,7 @@ class CampaignRequest(Request):
         What every motion must keep to: duration, rate, limits, surroundings, home.
     """
 
-    goal: str = declare_field("What is to be known", default="torque", kinds=GOALS)
+    goal: str = declare_field("Goal of the campaign", default="torque", kinds=GOALS)
     error: float = declare_field(
         "Largest relative error of the predicted torque of any joint, or of any named parameter",
         default=0.05,
@@ -84,7 +84,7 @@ class CampaignRequest(Request):
         "For the goal parameters: names of base parameters", default=(), option="--parameter", most=1000
     )
     decide: tuple[str, ...] = declare_field(
-        "For the goal effects: ids of effects that have to show if the robot has them", default=(), most=100
+        "For the goal effects: ids of the effects whose presence is to be decided", default=(), most=100
     )
     quantities: tuple[str, ...] = declare_field(
         "For the goal payload: mass, centre_x, centre_y or centre_z, in the frame of the last joint",
@@ -93,10 +93,13 @@ class CampaignRequest(Request):
         most=4,
     )
     mass_error: float = declare_field(
-        "For the goal payload: the mass to within so much", default=0.1, unit="kg", above=0
+        "For the goal payload: half-width of the 95 % interval of the mass", default=0.1, unit="kg", above=0
     )
     centre_error: float = declare_field(
-        "For the goal payload: each coordinate of its centre to within so much", default=0.01, unit="m", above=0
+        "For the goal payload: half-width of the 95 % interval of each coordinate of its centre",
+        default=0.01,
+        unit="m",
+        above=0,
     )
     unloaded_runs: int = declare_field(
         "For the goal payload: runs that are made before the load is mounted", default=2, at_least=1, at_most=100

@@ -34,34 +34,36 @@ from dynident.text_and_html_tables import join_html, render_paragraph
 
 
 class Campaign(Framed):
-    """Runs of a robot, one after the other, until torque, parameters or effects are known as well as asked for.
+    """A sequence of runs that ends when torque, parameters, effects or a payload are known as accurately as requested.
 
-    `ask` designs the next motion and promises what it will bring; `tell` takes its recording, identifies and diagnoses
-    the model from all runs, and decides. Effects that the diagnosis recommends are added.
+    `ask` designs the next motion and predicts the error that it will leave. `tell` takes its recording, identifies and
+    diagnoses the model from all runs, adds the effects that the diagnosis recommends, and decides whether another run
+    is needed.
 
     `to_frame` has a row for each run: run (its name), minutes (robot time so far, min), promised, predicted,
-    parameters, lacking and error (of the worst joint, fractions; missing where there is none), added (effects in the
-    model beyond those asked for).
+    parameters, lacking and error (fractions, of the worst joint; missing if there is none), added (effects that the
+    campaign added to the model).
 
     Parameters
     ----------
     robot : Robot
-        The robot, whose limits bound all motions.
+        The robot; all motions keep its limits.
     error : float, optional
-        Largest relative error of the predicted torque, of each joint with 95 % probability: 0.05 is 5 %.
+        Largest relative error of the predicted torque that is allowed for each joint, with 95 % probability; 0.05 is
+        5 %.
     minutes : float, optional
         Robot time of all runs together.
     region : recordings, optional
-        Motions of the application, in which the torque shall be predicted; by default all that the limits allow, up
-        to half of the speeds.
+        Recordings of the application, for whose motions the torque is to be predicted. By default, all states within
+        the limits, up to half of the speeds.
     effects : texts or choices, optional
         Effects of the first model.
     duration : float, optional
-        One period of a motion in s.
+        Length of one period of a motion in s.
     sampling_rate : float, optional
         Rate of the samples in Hz.
     request : CampaignRequest, optional
-        All options, and other goals than torque; the other arguments take precedence over it.
+        All options, and other goals than torque. The other arguments take precedence over it.
 
     Examples
     --------
@@ -126,7 +128,9 @@ class Campaign(Framed):
             Before the first run.
         """
         if self._state.identification is None:
-            raise DynidentError("there is no model before the first run: tell(…) its recording", title="No run yet")
+            raise DynidentError(
+                "there is no model before the first run: give its recording to tell(…)", title="No run yet"
+            )
         return Model(self._state.identification, self._recordings)
 
     @property

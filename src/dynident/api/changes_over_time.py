@@ -145,15 +145,15 @@ def series(
     keep: str | Path | None = None,
     progress: Progress = ignore_progress,
 ) -> FollowedRobot:
-    """Find what has changed in a robot over many days, from which day on, and the values of every parameter.
+    """Find what has changed in a robot over many days, since which day, and the values of every parameter.
 
     Parameters
     ----------
     model : Model
         Of this robot, with its effects.
     days : recordings of each day
-        In their order; the first is what the others are compared with. A mapping names the days, else each has the name
-        of its first recording. Motions may differ.
+        In their order; the other days are compared with the first one. A mapping gives the days names; otherwise each
+        has the name of its first recording. Motions may differ.
     keep : path, optional
         File that stores the days: it is read first, so that days whose files it knows are not computed again, and new
         days are added.
@@ -163,12 +163,12 @@ def series(
     Returns
     -------
     FollowedRobot
-        The changes, each with the day it began on, and the values of every parameter.
+        The changes, each with the day on which it began, and the values of every parameter.
 
     Raises
     ------
     DynidentError
-        Where there are fewer than two days, one has no recordings, or the model has effects of single runs.
+        If there are fewer than two days, if a day has no recordings, or if the model has effects of single runs.
 
     Examples
     --------
@@ -261,7 +261,7 @@ class Changes(Sequence[Change], Framed):
     model : Model
         The model whose effects were identified on both sets.
     before : Recordings
-        The first set, which the other is compared with.
+        The earlier set.
     after : Recordings
         The second set.
     diagnosis : Diagnosis
@@ -372,11 +372,11 @@ def changes(
     Parameters
     ----------
     model : Model
-        Of this robot; its effects are identified again on both sets.
+        A model of this robot; its effects are identified again on both sets.
     before : recordings
-        The first set, which the other is compared with.
+        The earlier set.
     after : recordings
-        The second set.
+        The later set, which is compared with the earlier one.
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
     progress : function, optional
@@ -385,12 +385,12 @@ def changes(
     Returns
     -------
     Changes
-        What differs, with intervals of 95 %.
+        The changes, with 95 % intervals.
 
     Raises
     ------
     DynidentError
-        Where one of the two is empty, or the same recording is in both.
+        If one of the two sets is empty, or if the same recording is in both.
 
     Examples
     --------

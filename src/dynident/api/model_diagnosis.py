@@ -281,28 +281,28 @@ def diagnose(
     model : Model
         The identified model, with or without its recordings.
     recordings : recordings, optional
-        By default those that the model was identified from, so that its validation data stay independent.
+        By default those from which the model was identified, so that its validation data stay independent.
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
     most_effects : int
-        At most so many are recommended; contacts do not count.
+        Largest number of recommended effects; contacts do not count.
     significance : float
-        Largest p-value of a finding: the probability that anything is named where nothing is missing.
+        Largest p-value of a finding: the probability that an effect is named although nothing is missing.
     hardware : mapping of part to bool
-        Whether the robot has a part, as in `load_robot`, for a model whose robot does not say: what is not there is
-        not proposed, and `questions` asks about what nobody has said.
+        Whether the robot has a part, as in `load_robot`. Effects of parts that the robot does not have are not
+        proposed; `questions` asks about parts that are not stated.
     progress : function, optional
         Called with the fraction done and a message.
 
     Returns
     -------
     DiagnosedModel
-        The model with the ranked candidates, and the effects that it is recommended to add.
+        The ranked candidates, and the recommended effects.
 
     Raises
     ------
     DynidentError
-        Where there are no recordings, or no such effect.
+        If there are no recordings, or if there is no such effect.
 
     Examples
     --------

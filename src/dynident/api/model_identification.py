@@ -49,19 +49,19 @@ def identify(
     robot : Robot
         The robot that was recorded.
     recordings : recordings
-        The parameters are fitted to them.
+        Recordings to which the parameters are fitted.
     validation : recordings
-        No parameter is fitted to them; they give the held-out errors.
+        Held-out recordings, to which no parameter is fitted; they give the held-out errors.
     effects : texts or choices, optional
-        ["default", "offset", "stribeck@joint2:vs=0.05"]; "default", which is the default, stands for links, rotors,
-        Coulomb and viscous friction. `dynident effects` lists all.
+        Such as ["default", "offset", "stribeck@joint2:vs=0.05"]. "default" stands for links, rotors, Coulomb and
+        viscous friction, and is used if nothing is given. `dynident effects` lists all effects.
     estimator : str or Estimator, optional
-        How the parameters are solved for, by its name or with options of its own: see docs/methods.md.
+        The method that estimates the parameters, by name or as an object with options: see docs/methods.md.
     filters : Filters, optional
-        Filters of the recordings, `dy.Filters(torque_cutoff=15.0)`; by default all of them are chosen from the data.
-        `model.filters` gives those of a model, also to be used for another one. A diagnosis uses those of its model.
+        Filters of the recordings, such as `dy.Filters(torque_cutoff=15.0)`. Filters that are not given are chosen from
+        the data. `model.filters` gives those of a model; you can use them for another model.
     choices : IdentificationChoices, optional
-        All options: equation type, strategy, prior and the rest. The arguments of their own take precedence.
+        All options: equation type, strategy, prior and the rest. The other arguments take precedence over it.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -73,7 +73,7 @@ def identify(
     Raises
     ------
     DynidentError
-        Where the choices do not fit each other or the robot, or the data do not determine the parameters.
+        If the choices do not fit each other or the robot, or if the data do not determine the parameters.
 
     Examples
     --------
@@ -138,21 +138,21 @@ class _GrowingArrays:
             t, q, tau = (np.asarray(block[kind], dtype=np.float64) for kind in ("t", "q", "tau"))
             heat = None if "temperature" not in block else np.asarray(block["temperature"], dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise _block_error(f"it holds something else than numbers: {error}") from error
+            raise _block_error(f"it contains something else than numbers: {error}") from error
         shape = len(t) if t.ndim == 1 else -1, self._robot.n
         if any(values is not None and values.shape != shape for values in (q, tau, heat)):
             raise _block_error(f"t has to be (m,), and q, tau and temperature (m, {self._robot.n})")
         if not len(t):
             return
         if not all(np.isfinite(values).all() for values in (t, q, tau, heat) if values is not None):
-            raise _block_error("it holds something that is no number")
+            raise _block_error("it contains a value that is not a finite number")
         times = np.append(self._last_time, t) if np.isfinite(self._last_time) else t
         steps = np.diff(times)
         if (steps <= 0.0).any():
-            raise _block_error("its times have to rise, also over the block before")
+            raise _block_error("its times have to increase, also from the block before")
         if not self._period:
             if len(t) < _FEWEST_FIRST:
-                raise _block_error(f"the first one needs at least {_FEWEST_FIRST} rows, which tell the sampling rate")
+                raise _block_error(f"the first one needs at least {_FEWEST_FIRST} rows, to determine the sampling rate")
             self._period = float(np.median(steps))
         # The usual step of the newest rows: single steps are off by jitter, or gaps.
         recent = np.append(self._steps, steps)
@@ -196,7 +196,7 @@ _OFF_RATE = 0.2
 
 
 def _block_error(detail: str) -> DynidentError:
-    return DynidentError(f"this is no block of a recording: {detail}", pointer="blocks", title="Unusable block")
+    return DynidentError(f"this is not a block of a recording: {detail}", pointer="blocks", title="Unusable block")
 
 
 @check_arguments
@@ -212,24 +212,24 @@ def follow(
 ) -> Iterator[LiveEstimate | TrackedEstimate]:
     """Estimate parameters from a recording while it is made, or track those that change.
 
-    Without a model all base parameters are estimated, and the last estimate is the model that `identify` gives of the
-    whole recording (unless `memory` is given). With a model its parameters are known, and a payload or friction is
-    tracked: the newest rows count most.
+    Without a model, all base parameters are estimated, and the last estimate is the model that `identify` gives for
+    the whole recording (unless `memory` is given). With a model, its parameters are taken as known, and a payload or
+    friction is tracked; the newest rows have the largest weight.
 
     Parameters
     ----------
     robot : Robot
         The robot that is recorded.
     blocks : iterable of mapping
-        Rows as they come: {"t": (m,), "q": (m, n), "tau": (m, n)} in s, rad (m) and N m (N), evenly sampled, and
-        "temperature" in degC if known. Where time is missing, a new run begins.
+        New rows, in order: {"t": (m,), "q": (m, n), "tau": (m, n)} in s, rad (m) and N m (N), evenly sampled, and
+        "temperature" in degC if known. A gap in time begins a new run.
     model : Model, optional
-        Its model, of which something is tracked.
+        The model of the robot whose changes are tracked.
     track : sequence of str
-        What a model is tracked for: "payload", and ids of its effects such as "coulomb" and "viscous".
+        What is tracked with a model: "payload", and ids of its effects such as "coulomb" and "viscous".
     memory : float, optional
-        Rows count the less the older they are, exp(-age / memory), s: by default all alike without a model, and 5 s
-        with one.
+        Time constant in s with which older rows lose weight, exp(-age / memory). By default all rows have the same
+        weight without a model, and the time constant is 5 s with a model.
     every : float
         Seconds of the recording between two estimates.
     choices : IdentificationChoices, optional
@@ -238,12 +238,12 @@ def follow(
     Yields
     ------
     LiveEstimate or TrackedEstimate
-        What is known so far.
+        The estimate from the rows so far.
 
     Raises
     ------
     DynidentError
-        For a block that holds no evenly sampled rows of this robot, and what cannot be tracked.
+        If a block does not contain evenly sampled rows of this robot, or if something cannot be tracked.
 
     Examples
     --------

@@ -127,34 +127,34 @@ def design(
     Parameters
     ----------
     robot : Robot or Model
-        The robot that shall make the motion; its limits bound it. With an identified model of the robot, torque is
-        predicted by this model: friction and rotors count, and a margin for what is uncertain. By default, torque is
-        predicted by the model of the diagnosis if `request` is one, otherwise by the inertias of the description alone.
+        The robot that will execute the motion, with its limits; or its identified model. A model predicts the torque
+        with friction and rotors, and with a margin for the uncertainty. For a robot, the torque is predicted by the
+        model of the diagnosis if `request` is one, otherwise by the inertias of the description alone.
     request : DesignRequest or diagnosis, optional
-        All options: criterion, limits, surroundings, time, seed and, in its `trajectory`, the family of motions. Of a
-        diagnosis, the next experiment that it proposes. The other arguments take precedence over it.
+        All options: criterion, limits, surroundings, time, seed and, in its `trajectory`, the family of motions. If a
+        diagnosis is given, its next experiment is designed. The other arguments take precedence over it.
     kind : str, optional
         "optimized" (the default), "random", "sequential", "constant_velocity", "slow_sweep", "reversals".
     effects : texts or choices, optional
-        What is to be identified: ["default", "offset"].
+        Effects to be identified, such as ["default", "offset"].
     duration : float, optional
-        One period in s.
+        Length of one period in s.
     sampling_rate : float, optional
         Rate of the samples in Hz.
     earlier : recordings
-        Recordings that the motion is to complement.
+        Recordings that the motion complements: they are part of the data of the design.
     progress : function, optional
         Called with the fraction done and a message.
 
     Returns
     -------
     DesignedMotion
-        The motion from rest to rest, with the quality that it reaches.
+        The motion from rest to rest, and its quality.
 
     Raises
     ------
     DynidentError
-        Where there is no such motion; it names the limit in the way.
+        If no motion keeps the limits; the message names the limit.
 
     Examples
     --------

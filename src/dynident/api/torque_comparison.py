@@ -262,10 +262,10 @@ def compare(
     model : Model
         The identified model, with or without its recordings.
     recordings : recordings
-        Those whose torque is to be predicted; of the same robot.
+        Recordings of the same robot, whose torque is predicted.
     learnt : recordings, optional
-        Those that the model was identified from, where the model does not hold them. They tell whether a motion only
-        repeats one of theirs.
+        Recordings from which the model was identified, if the model does not contain them. With them, the comparison
+        says whether a motion only repeats one of theirs.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -277,7 +277,7 @@ def compare(
     Raises
     ------
     DynidentError
-        Where there is no recording, it is another robot's, or no row is left after filtering.
+        If there is no recording, if it is of another robot, or if no row is left after filtering.
 
     Examples
     --------

@@ -141,7 +141,7 @@ def diagnose(
     most_effects : int
         Largest number of effects that are recommended, contacts not counted.
     significance : float
-        Largest p-value of a finding: the probability that anything is named where nothing is missing.
+        Largest p-value of a finding: the probability that an effect is named although nothing is missing.
     hardware : mapping of str to bool
         Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
         states: effects of parts that are not there are not tried, unless `candidates` lists them.
@@ -197,7 +197,7 @@ def examine(
     most_effects : int
         Largest number of effects that are recommended, contacts not counted.
     significance : float
-        Largest p-value of a finding: the probability that anything is named where nothing is missing.
+        Largest p-value of a finding: the probability that an effect is named although nothing is missing.
     hardware : mapping of str to bool
         Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
         states: effects of parts that are not there are not tried, unless `candidates` lists them.

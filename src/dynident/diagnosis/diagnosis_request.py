@@ -43,17 +43,17 @@ class DiagnosisChoices(Request):
         at_most=100,
     )
     significance: float = declare_field(
-        "Largest p-value of a finding: the probability that anything is named where nothing is missing",
+        "Largest p-value of a finding: the probability that an effect is named although nothing is missing",
         default=DEFAULT_SIGNIFICANCE,
         at_least=0.001,
         at_most=0.2,
     )
     has: tuple[str, ...] = declare_field(
-        f"Parts that the robot has, beside those stated with it: {', '.join(HARDWARE)}",
+        f"Parts that the robot has, besides those stated with it: {', '.join(HARDWARE)}",
         default=(),
     )
     has_not: tuple[str, ...] = declare_field(
-        "Parts that the robot does not have, beside those stated with it", default=()
+        "Parts that the robot does not have, besides those stated with it", default=()
     )
 
     @property

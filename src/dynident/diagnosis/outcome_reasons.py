@@ -278,7 +278,8 @@ _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingPr
             "This motion does not determine the model, and it explains too little to be named all the same."
         ),
         "passed_over": lambda step, values: (
-            "The search did not come back to it. It passes beside what was found: diagnose the extended model."
+            "The search ended before this effect was tested again. It still passes after the findings were added: "
+            "diagnose the extended model."
         ),
         "not_tried": lambda step, values: f"Not tried: {values['why']}.",
     }

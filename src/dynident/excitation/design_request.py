@@ -217,7 +217,7 @@ class DesignRequest(Request):
         at_most=604_800,
     )
     starts: int | None = declare_field(
-        "Number of starts of the optimisation; as many as the time allows, or 4",
+        "Number of starts of the optimisation; by default 4, or as many as the time budget allows",
         default=None,
         at_least=1,
         at_most=_MOST_TIMES,

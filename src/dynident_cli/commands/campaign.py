@@ -52,21 +52,21 @@ class CampaignFiles(SafetyFiles):
         SomeFiles,
         file_option(
             "--region",
-            help="Measurement of a motion of the application, in which the torque shall be predicted; may be repeated. "
-            "By default, all that the limits allow, up to --speed.",
+            help="Recording of your application, for whose motions the torque is to be predicted; may be repeated. "
+            "By default, all motions within the limits, up to --speed.",
         ),
     ] = None
     folder: Annotated[
-        Path, typer.Option("--folder", metavar="FOLDER", help="Where motions, recordings and the model stand.")
+        Path, typer.Option("--folder", metavar="FOLDER", help="Folder for motions, recordings and the model.")
     ] = Path("campaign")
     execute: Annotated[
         str,
         typer.Option(
             "--execute",
             metavar="COMMAND",
-            help="Command that moves the robot and records: {motion} and {recording} stand for the files. Rows that it "
-            "writes to {recording}.part as they come are checked, and it is ended where they are not worth going on "
-            "with. Without it, the folder is watched for the recording.",
+            help="Command that moves the robot and records; {motion} and {recording} stand for the files. If it writes "
+            "its rows to {recording}.part while it records, they are checked, and a faulty run is stopped. Without "
+            "--execute, the campaign waits for the recording in the folder.",
         ),
     ] = ""
 
@@ -81,10 +81,10 @@ def campaign(
 ) -> None:
     """Design, record and identify until torque is predicted well.
 
-    Run k moves along FOLDER/runK_motion.csv and is recorded as FOLDER/runK.csv (or another format). Recordings that
-    are there already are taken first, so that a campaign goes on where it was stopped. Before the first run with a
-    load, a command waits for Enter; without a terminal the campaign ends there, and the same command goes on once the
-    load is mounted. Exit code 3: the goal was not reached.
+    The motion of run K is FOLDER/runK_motion.csv, its recording FOLDER/runK.csv (or another format). Recordings that
+    are already there are used first, so the same command continues a campaign that was stopped. With --execute, the
+    command waits for Enter before the first run with a load. Without a terminal it ends there; mount the load and
+    repeat the command. The exit code is 3 if the goal was not reached.
     """
     from dynident.advice.campaign import add_run, plan_run, start_campaign
     from dynident.api.figure import join_figures
@@ -171,7 +171,7 @@ def _describe_plan(planned: PlannedRun, path: Path, worst: str) -> str:
 def _wait_for_load(console: Console, was_told: bool) -> None:
     """Wait until the load is mounted; without a terminal, end the first time that it is asked for."""
     if sys.stdin.isatty():
-        typer.confirm("Is the load mounted, and nobody near the robot?", default=True, abort=True, err=True)
+        typer.confirm("Is the load mounted, and is everybody away from the robot?", default=True, abort=True, err=True)
     elif not was_told:
         console.print("Mount the load, then give the same command again.")
         raise typer.Exit(EXIT_MISSED)

@@ -54,7 +54,7 @@ def simulate(
     ] = None,
     out: Annotated[
         Path,
-        typer.Option("--out", "-o", metavar="FILE", help="The measurement to write, .csv or .parquet."),
+        typer.Option("--out", "-o", metavar="FILE", help="The recording to write, .csv or .parquet."),
         FILE_IN_FOLDER,
     ] = Path("measurement.csv"),
     as_json: Json = False,
@@ -150,14 +150,14 @@ class DesignFiles(SafetyFiles):
         ),
     ] = None
     earlier: Annotated[
-        SomeFiles, file_option("--earlier", help="Measurement that the experiment complements; may be repeated.")
+        SomeFiles, file_option("--earlier", help="Recording that the experiment complements; may be repeated.")
     ] = None
     identified: Annotated[
         SomeFile,
         file_option(
             "--identified",
-            help="Identified model of the robot (`dynident identify --out`), by which torque is predicted for its "
-            "limits: friction and rotors count, and a margin for what is uncertain.",
+            help="Identified model of the robot (`dynident identify --out`). It predicts the torque with friction and "
+            "rotors, and with a margin for the uncertainty, to keep the torque limits.",
         ),
     ] = None
 
@@ -177,7 +177,7 @@ def design(
 ) -> None:
     """Design an exciting trajectory within the robot's limits.
 
-    The options for columns, units, windows, checks and drive gains apply to the measurements of --earlier.
+    The options for columns, units, windows, checks and drive gains apply to the recordings of --earlier.
     """
     from dynident.api.model_identification import load_model
     from dynident.api.motion_design import TRAJECTORY_ENDINGS, DesignedMotion

@@ -34,7 +34,7 @@ def series(
     model: ModelArgument,
     days: Annotated[
         list[Path],
-        typer.Argument(metavar="MEASUREMENT…", help="One file per day, in order.", show_default=False),
+        typer.Argument(metavar="RECORDING…", help="One file per day, in order.", show_default=False),
         READABLE_FILE,
     ],
     reading: Reading,
@@ -89,8 +89,8 @@ def series(
 
 def changes(
     model: ModelArgument,
-    before: Annotated[list[Path], file_option("--before", help="Earlier measurement; may be repeated."), READABLE_FILE],
-    after: Annotated[list[Path], file_option("--after", help="Later measurement; may be repeated."), READABLE_FILE],
+    before: Annotated[list[Path], file_option("--before", help="Earlier recording; may be repeated."), READABLE_FILE],
+    after: Annotated[list[Path], file_option("--after", help="Later recording; may be repeated."), READABLE_FILE],
     reading: Reading,
     result: OutputOptions,
 ) -> None:
@@ -125,8 +125,8 @@ def diagnose(
         bool | None,
         typer.Option(
             "--next-experiment/--no-next-experiment",
-            help="Look also for the motion that decides what the measurements leave open, for `dynident design "
-            "--diagnosis`. By default only for --out and --json.",
+            help="Also find the motion that decides the open questions, for `dynident design --diagnosis`. "
+            "By default only for --out and --json.",
             show_default=False,
         ),
     ] = None,
@@ -135,8 +135,8 @@ def diagnose(
         typer.Option(
             "--why",
             metavar="EFFECT@JOINT",
-            help="Print why this effect on this joint is a finding or not; may be repeated. Without @JOINT, its best "
-            "place.",
+            help="Print why this effect on this joint is a finding or not; may be repeated. Without @JOINT, the joint "
+            "where it explains most.",
             show_default=False,
         ),
     ] = None,
@@ -144,14 +144,14 @@ def diagnose(
         bool,
         typer.Option(
             "--limits/--no-limits",
-            help="Print for each effect on each joint the smallest size that would have shown.",
+            help="Print for each effect on each joint the smallest size that these recordings would have shown.",
             show_default=False,
         ),
     ] = False,
 ) -> None:
     """Name the physical effects that a model lacks.
 
-    Give the measurements that the model was identified from. --out writes the diagnosis as JSON.
+    Give the recordings from which the model was identified. --out writes the diagnosis as JSON.
     """
     from dynident.api.model_diagnosis import diagnose as diagnose_model
     from dynident.api.model_identification import load_model
@@ -206,14 +206,16 @@ def _write_extend_command(
 def compare(
     model: ModelArgument,
     measurement: Annotated[
-        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False), READABLE_FILE
+        Path,
+        typer.Argument(metavar="RECORDING", help="A file as for `dynident identify`.", show_default=False),
+        READABLE_FILE,
     ],
     reading: Reading,
     learnt: Annotated[
         list[Path],
         repeatable_file_option(
             "--learnt",
-            help="Recording that the model was identified from; may be repeated. Shows whether MEASUREMENT only "
+            help="Recording from which the model was identified; may be repeated. Shows whether RECORDING only "
             "repeats its motion.",
         ),
         READABLE_FILE,

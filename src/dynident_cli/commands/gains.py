@@ -82,21 +82,21 @@ def gains(
     measurements: Measurements,
     loaded: Annotated[
         list[Path],
-        file_option("--loaded", help="Measurement of the same motion with the load; may be repeated."),
+        file_option("--loaded", help="Recording of the same motion with the load; may be repeated."),
         READABLE_FILE,
     ],
     reading: RobotReading,
     weigh: Annotated[
         list[Path],
         repeatable_file_option(
-            "--weigh", help="Measurement with another load, whose mass is computed with these gains; may be repeated."
+            "--weigh", help="Recording with another load, whose mass is computed with these gains; may be repeated."
         ),
         READABLE_FILE,
     ],
     weigh_unloaded: Annotated[
         list[Path],
         repeatable_file_option(
-            "--weigh-unloaded", help="Measurement of the motion of --weigh without its load; MEASUREMENT by default."
+            "--weigh-unloaded", help="Recording of the motion of --weigh without its load; RECORDING by default."
         ),
         READABLE_FILE,
     ],
@@ -105,7 +105,7 @@ def gains(
 ) -> None:
     """Identify drive gains from a load of known mass.
 
-    MEASUREMENT are the runs without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
+    RECORDING is the motion without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.presentation.model_tables import build_gain_tables, get_gain_unit

@@ -109,7 +109,7 @@ def essential(
 def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> None:
     """Remove effects from a model.
 
-    No measurement is needed: the model's file holds the reduced data.
+    No recording is needed: the model's file contains the reduced data.
     """
     from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
@@ -137,7 +137,7 @@ def extend(
 ) -> None:
     """Add effects to a model.
 
-    Give the measurements that the model was identified from. Ends with the verdict on the model, as `identify` does.
+    Give the recordings from which the model was identified. Ends with the verdict on the model, as `identify` does.
     """
     from dynident.api.model_identification import load_model
     from dynident.errors import DynidentError
@@ -185,7 +185,7 @@ class FurtherInputs:
         list[Path],
         repeatable_file_option(
             "--friction",
-            help="Measurement at constant velocities, for the strategy separate_friction; may be repeated.",
+            help="Recording at constant velocities, for the strategy separate_friction; may be repeated.",
         ),
         READABLE_FILE,
     ]
@@ -266,7 +266,8 @@ def inspect(
 ) -> None:
     """Find out what the columns of a file are.
 
-    The answer has reasons, and the questions that you must answer before you can use the file.
+    The output gives the probable meaning and unit of each column with reasons, and the questions that you must answer
+    before you can use the file.
 
     --out writes the proposal as JSON, for `dynident identify --metadata`.
     """

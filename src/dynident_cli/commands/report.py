@@ -83,7 +83,7 @@ def export(
     validation: Annotated[
         list[Path],
         repeatable_file_option(
-            "--validation", "-v", help="Held-out measurement without contacts, for the thresholds in a C or C++ header."
+            "--validation", "-v", help="Held-out recording without contacts, for the thresholds in a C or C++ header."
         ),
         READABLE_FILE,
     ],

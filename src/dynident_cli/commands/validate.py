@@ -41,7 +41,7 @@ class FurtherInputs:
             show_default=False,
         ),
     ] = None
-    unloaded: Annotated[SomeFiles, file_option("--unloaded", help="For payload: runs without the load.")] = None
+    unloaded: Annotated[SomeFiles, file_option("--unloaded", help="For payload: recordings without the load.")] = None
 
 
 def validate(
@@ -54,10 +54,10 @@ def validate(
     measurements: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[MEASUREMENT]…",
-            help="direct, methods, filters: what the model was identified from; cross: what it has not seen; "
-            "simulation, drift: the motion; collision: motions without contacts that it has not seen; payload: runs "
-            "with the load.",
+            metavar="[RECORDING]…",
+            help="direct, methods, filters: the identification recordings; cross: held-out recordings; simulation, "
+            "drift: the motion to simulate; collision: held-out recordings without contacts; payload: recordings with "
+            "the load.",
             show_default=False,
         ),
         READABLE_FILE,
@@ -112,11 +112,11 @@ def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -
 
     kind = trial.name
     if trial.of_model_alone and n_measurements:
-        raise DynidentError(f"{kind} takes no measurement", pointer="MEASUREMENT", title=_TITLE)
+        raise DynidentError(f"{kind} takes no measurement", pointer="RECORDING", title=_TITLE)
     if not trial.of_model_alone and not n_measurements:
-        raise DynidentError(f"{kind} needs a measurement", pointer="MEASUREMENT", title=_TITLE)
+        raise DynidentError(f"{kind} needs a measurement", pointer="RECORDING", title=_TITLE)
     if kind == "filters" and n_measurements > 1:
-        raise DynidentError("filters needs exactly one measurement", pointer="MEASUREMENT", title=_TITLE)
+        raise DynidentError("filters needs exactly one measurement", pointer="RECORDING", title=_TITLE)
     if kind == "payload" and not n_held_out:
         raise DynidentError(
             "payload also needs the runs without the load: --unloaded", pointer="--unloaded", title=_TITLE

@@ -9,23 +9,23 @@ class CampaignRunView(TypedDict):
     """One run of a campaign, as it stood after its recording was taken in; errors are relative, by target."""
 
     achieved: list[float | None]
-    """Errors from both"""
+    """Root of the sum of the squares of both errors"""
     added: list[EffectChoice]
-    """Effects in the model beyond those asked for"""
+    """Effects that the campaign added to the model"""
     design_id: str | None
     is_changed: bool
-    """Whether these are others than after the run before"""
+    """Whether the added effects differ from those after the previous run"""
     lacking: list[float]
-    """Errors over the region from what the model lacks"""
+    """Errors over the region, from what the model lacks"""
     measurement_id: str
     name: str
     parameters: list[float | None]
-    """Errors from uncertain parameters, with 95 %, of a load over that asked for; null of an effect that would have
-    shown at no size, and of a load before it is mounted"""
+    """Errors (95 %) from uncertain parameters; of a load, relative to the requested error. Null for an effect that
+    would not have shown at any size, and for a load before it is mounted"""
     predicted: list[float] | None
-    """Errors of this run's torque as the model before it predicted it; null for the first run"""
+    """Errors of this run's torque, predicted by the model before this run; null for the first run"""
     promised: list[float | None] | None
-    """Errors that its motion promised; null: it was not planned, of one target: without a bound"""
+    """Errors that its motion promised; null if the run was not planned, or for a target without a bound"""
     seconds: float
 
 
