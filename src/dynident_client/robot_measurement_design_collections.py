@@ -391,7 +391,9 @@ class Designs(Collection[Design]):
         """
         return self._post({"robot_id": get_identifier(robot), "kind": kind, **more})
 
-    def trajectory(self, design: Record | str, format: Literal["csv", "parquet", "json", "ros2"] = "csv") -> bytes:
+    def trajectory(
+        self, design: Record | str, format: Literal["csv", "parquet", "json", "ros2"] = "csv", *, speed: float = 1.0
+    ) -> bytes:
         """Read the trajectory: t, q…, dq…, ddq… at the sampling rate.
 
         Parameters
@@ -400,13 +402,15 @@ class Designs(Collection[Design]):
             The design or its identifier.
         format : {"csv", "parquet", "json", "ros2"}
             Format of the file.
+        speed : float
+            Share of the designed speed: 1/3 for a first run on the robot.
 
         Returns
         -------
         bytes
             The file.
         """
-        return self._transport.get_bytes(f"{self.path}/{get_identifier(design)}/trajectory", format=format)
+        return self._transport.get_bytes(f"{self.path}/{get_identifier(design)}/trajectory", format=format, speed=speed)
 
     def clearances(self, design: Record | str, points: int = 200) -> answers.DesignClearances:
         """Read what every link is nearest to along the motion.

@@ -35,6 +35,17 @@ def test_every_way_to_move_gives_a_trajectory(tmp_path: Path, options: tuple[obj
     assert moved == ({"elbow", "tool_roll"} if "--joint" in options else {"shoulder", "elbow", "quill", "tool_roll"})
 
 
+def test_the_same_motion_is_written_slowly_for_a_first_run(tmp_path: Path) -> None:
+    files = ("-o", tmp_path / "t.csv", "--slow", tmp_path / "slow.csv")
+    assert dynident("design", "scara", "--kind", "random", *QUICK, *files).code == 0
+    fast, slow = (list(csv.DictReader((tmp_path / name).open())) for name in ("t.csv", "slow.csv"))
+    assert [row["q_elbow"] for row in slow] == [row["q_elbow"] for row in fast]
+    assert float(slow[-1]["t"]) == pytest.approx(3 * float(fast[-1]["t"]))
+    refused = dynident("design", "scara", *QUICK, "-o", tmp_path / "t.csv", "--slow", tmp_path / "slow.txt")
+    assert refused.code == 2
+    assert ".csv" in refused.err
+
+
 def test_an_unknown_set_or_family_is_refused_with_those_there_are(tmp_path: Path) -> None:
     for option, value, known in (("--family", "spiral", "b_spline"), ("--sets", "ballet", "vandanjon")):
         answer = dynident("design", "scara", "--kind", "sequential", option, value, "-o", tmp_path / "t.csv")

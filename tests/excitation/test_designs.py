@@ -9,8 +9,10 @@ import pinocchio as pin
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import resample
 
 from dynident.effects import EffectChoice, ReferenceParameters
@@ -312,8 +314,29 @@ def test_a_trajectory_file_gives_back_what_was_designed(scara, tmp_path):
         back = read(tmp_path / name)
         assert back.column_names == table.column_names
         np.testing.assert_allclose(back["ddq_quill"].to_numpy(), design.ddq[:, 2], rtol=1e-11, atol=1e-12)
-    with pytest.raises(DynidentError, match=r"use .csv or .parquet"):
+    with pytest.raises(DynidentError, match=r"use .csv, .parquet or .yaml"):
         write_design(design, tmp_path / "d.txt")
+
+
+def test_a_slow_first_run_has_the_same_path_at_a_share_of_the_speed(scara, tmp_path):
+    design = design_experiment(scara, replace(QUICK, kind="random"))
+    write_design(design, tmp_path / "slow.csv", speed=0.25)
+    write_design(design, tmp_path / "slow.yaml", speed=0.25)
+    slow = pyarrow.csv.read_csv(tmp_path / "slow.csv")
+    t, q, dq, ddq = (slow[name].to_numpy() for name in ("t", "q_elbow", "dq_elbow", "ddq_elbow"))
+    assert t[-1] == pytest.approx(4 * design.t[-1])
+    np.testing.assert_allclose(q, design.q[:, 1], rtol=1e-11)
+    # Its velocities and accelerations are the derivatives of its own positions.
+    path = CubicHermiteSpline(t, q, dq)
+    middle = (t[1:] + t[:-1]) / 2
+    np.testing.assert_allclose(path(middle, 1), CubicHermiteSpline(t, dq, ddq)(middle), atol=1e-3 * np.abs(dq).max())
+    points = yaml.safe_load((tmp_path / "slow.yaml").read_text())["points"]
+    np.testing.assert_allclose([point["velocities"][1] for point in points], dq, rtol=1e-9, atol=1e-12)
+    stamps = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points]
+    np.testing.assert_allclose(stamps, t - t[0], atol=1e-9)
+    for share in (0.0, 1.5, float("nan")):
+        with pytest.raises(DynidentError, match="not a share of the speed"):
+            write_design(design, tmp_path / "slow.csv", speed=share)
 
 
 def test_the_documents_are_json_with_the_contracts_fields(scara):

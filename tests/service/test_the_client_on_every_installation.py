@@ -161,6 +161,10 @@ def recorded(bench: Bench, robot: Robot) -> list[Measurement]:
     design = client.designs.create(robot, kind="random", trajectory=QUICK, random_trajectories=3).wait()
     assert len(client.designs.trajectory(design).splitlines()) == design.result["n_samples"] + 1
     assert client.designs.trajectory(design, "parquet")[:4] == b"PAR1"
+    fast, slow = (json.loads(client.designs.trajectory(design, "json", speed=speed)) for speed in (1.0, 0.25))
+    assert slow["t"][-1] == pytest.approx(4 * fast["t"][-1])
+    assert slow["q"] == fast["q"]
+    assert client.designs.trajectory(design, "parquet", speed=0.25)[:4] == b"PAR1"
     assert client.designs.clearances(design)
     effects = [{"effect": "coulomb"}, {"effect": "viscous"}, {**SPRING, "parameters": {"ks": 25.0, "bs": 1.0}}]
     runs = []

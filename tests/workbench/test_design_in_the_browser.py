@@ -42,10 +42,15 @@ def test_an_experiment_is_designed_taken_along_and_made_by_a_virtual_robot(
     assert float(promised) == result["expected_parameters"][0]["standard_deviation"]
 
     with page.expect_download() as taken:
-        page.locator("[data-format=csv]").click()
+        page.locator("[data-format=csv]").first.click()
     lines = Path(taken.value.path()).read_text().splitlines()
     assert lines[0].startswith("t,q_shoulder,q_elbow")
     assert len(lines) == result["n_samples"] + 1
+    page.click("details.slow > summary")
+    with page.expect_download() as taken:
+        page.locator("details.slow [data-format=csv]").click()
+    slow = Path(taken.value.path()).read_text().splitlines()
+    assert float(slow[-1].split(",")[0]) == pytest.approx(3 * float(lines[-1].split(",")[0]))
 
     # The arm is where the trajectory has it: the elbow is half a metre from the shoulder, turned about y.
     page.locator("input[type=range]").fill("2")

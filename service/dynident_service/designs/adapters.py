@@ -14,7 +14,15 @@ import scipy
 
 from dynident.effects.effect_columns import check_shape_constants, find_joints
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
+from dynident.excitation import (
+    CriterionChoice,
+    CriterionValues,
+    Design,
+    DesignRequest,
+    TrajectoryRequest,
+    design_table,
+    slow_down,
+)
 from dynident.excitation.criteria.optimality_criteria import Baseline
 from dynident.excitation.design_files import format_joint_trajectory
 from dynident.excitation.design_result import find_nearest_along
@@ -124,29 +132,36 @@ def write_trajectory(design: Design, path: Path) -> Path:
     return path
 
 
-def trajectory_as_csv(path: Path) -> Iterator[bytes]:
+def trajectory_as_csv(path: Path, speed: float = 1.0) -> Iterator[bytes]:
     """Yield a stored trajectory as CSV, some rows at a time, so that it is never in memory as a whole."""
     file = pq.ParquetFile(path)
     # Only the first batch has the line of names above it.
     for index, batch in enumerate(file.iter_batches(ROWS)):
-        yield to_csv(pa.Table.from_batches([batch]), header=index == 0)
+        yield to_csv(slow_down(pa.Table.from_batches([batch]), speed), header=index == 0)
 
 
-def trajectory_as_samples(path: Path, joints: list[str]) -> wire.TrajectorySamples:
+def trajectory_as_parquet(path: Path, speed: float) -> bytes:
+    """Return a stored trajectory at a share of its speed as Parquet."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(slow_down(pq.read_table(path), speed), sink)
+    return bytes(sink.getvalue())
+
+
+def trajectory_as_samples(path: Path, joints: list[str], speed: float) -> wire.TrajectorySamples:
     """Return a stored trajectory as arrays, [sample][joint]."""
-    reference = read_reference(path, joints)
+    reference = read_reference(path, joints, speed)
     return to_view(wire.TrajectorySamples, reference, joints=joints)
 
 
-def trajectory_for_ros2(path: Path, joints: list[str]) -> Iterator[str]:
+def trajectory_for_ros2(path: Path, joints: list[str], speed: float) -> Iterator[str]:
     """Yield a stored trajectory as a JointTrajectory message in YAML, some lines at a time."""
-    reference = read_reference(path, joints)
+    reference = read_reference(path, joints, speed)
     return format_joint_trajectory(joints, reference.t, reference.q, reference.dq, reference.ddq)
 
 
-def read_reference(path: Path, joints: list[str]) -> Reference:
-    """Read a stored trajectory: t (m,), and q, dq, ddq (m, n)."""
-    table = pq.read_table(path)
+def read_reference(path: Path, joints: list[str], speed: float = 1.0) -> Reference:
+    """Read a stored trajectory at a share of its speed: t (m,), and q, dq, ddq (m, n)."""
+    table = slow_down(pq.read_table(path), speed)
 
     def read_matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         return np.column_stack([table_column_to_floats(table[f"{kind}_{joint}"]) for joint in joints])

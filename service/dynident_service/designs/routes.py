@@ -103,24 +103,34 @@ def get_trajectory(
             json_schema_extra=describe_choices(TRAJECTORY_FORMATS),
         ),
     ] = "csv",
+    speed: Annotated[
+        float, Query(gt=0.0, le=1.0, description="Share of the designed speed, such as 0.33 for a first run")
+    ] = 1.0,
 ) -> Response:
     """Give t, q…, dq…, ddq… at the sampling rate, including the moves from and to standstill."""
     with hold_import_lock():
-        from dynident_service.designs.adapters import trajectory_as_csv, trajectory_as_samples, trajectory_for_ros2
+        from dynident_service.designs.adapters import (
+            trajectory_as_csv,
+            trajectory_as_parquet,
+            trajectory_as_samples,
+            trajectory_for_ros2,
+        )
 
     design = require_succeeded(services.resources.get("design", design_id))
     path = services.objects.fetch_file(design.objects["trajectory"].key)
     # The trajectory is stored as Parquet: all other formats are made of it row by row.
-    if format == "parquet":
+    if format == "parquet" and speed == 1.0:
         return FileResponse(path, media_type=PARQUET, filename=f"{design_id}.parquet")
     ending = "yaml" if format == "ros2" else format
     headers = {"Content-Disposition": f'attachment; filename="{design_id}.{ending}"'}
     if format == "csv":
-        return StreamingResponse(trajectory_as_csv(path), media_type="text/csv", headers=headers)
+        return StreamingResponse(trajectory_as_csv(path, speed), media_type="text/csv", headers=headers)
+    if format == "parquet":
+        return Response(trajectory_as_parquet(path, speed), media_type=PARQUET, headers=headers)
     joints = DesignResult.model_validate(design.result).joints
     if format == "ros2":
-        return StreamingResponse(trajectory_for_ros2(path, joints), media_type=YAML, headers=headers)
-    return JSONResponse(trajectory_as_samples(path, joints).model_dump(), headers=headers)
+        return StreamingResponse(trajectory_for_ros2(path, joints, speed), media_type=YAML, headers=headers)
+    return JSONResponse(trajectory_as_samples(path, joints, speed).model_dump(), headers=headers)
 
 
 @router.get("/{design_id}/clearances")

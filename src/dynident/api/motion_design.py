@@ -17,16 +17,15 @@ from dynident.api.recording_collection import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
-from dynident.excitation.design_files import design_table, format_joint_trajectory
+from dynident.excitation.design_files import design_table
 from dynident.excitation.design_request import Kind
-from dynident.file_output import check_ending, write_atomically
+from dynident.file_output import check_ending
 from dynident.presentation.design_tables import build_limits_table, describe_design
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings.arrow_tables import table_column_to_numbers
 from dynident.recordings.row_storage import list_signal_units
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
-from dynident.text_encoding import encode_text
 
 TRAJECTORY_ENDINGS = (".csv", ".parquet", ".yaml")
 _SHOWN_MARGINS = 5
@@ -56,27 +55,23 @@ class DesignedMotion(Framed):
         """The quality of the design, in a few sentences."""
         return describe_design(self.design)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, speed: float = 1.0) -> None:
         """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.
 
         Parameters
         ----------
         path : path
             The file to write; its ending decides on the format.
+        speed : float
+            Share of the designed speed: 1/3 for a first run on the robot. The rows are the same; t, velocities and
+            accelerations are scaled.
 
         Raises
         ------
         DynidentError
-            For another ending, or a folder that does not exist.
+            For another ending, a folder that does not exist, or a speed that is no share.
         """
-        # The ending is checked before anything is computed or written.
-        path = check_ending(path, TRAJECTORY_ENDINGS)
-        if path.suffix == ".yaml":
-            design = self.design
-            lines = format_joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
-            write_atomically(path, encode_text("".join(lines)))
-        else:
-            write_design(self.design, path)
+        write_design(self.design, check_ending(path, TRAJECTORY_ENDINGS), speed)
 
     def _columns(self) -> Table:
         # The same table that `save` writes, so that a frame and a file have the same columns.

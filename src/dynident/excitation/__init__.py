@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         FORMATS,
         design_document,
         design_table,
+        slow_down,
         trajectory_document,
         write_design,
     )
@@ -43,6 +44,7 @@ __all__ = [
     "draw_region",
     "rehearse_motion",
     "rehearse_quickly",
+    "slow_down",
     "trajectory_document",
     "write_design",
 ]

@@ -12,13 +12,21 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from dynident.array_types import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.optimality_criteria import CriterionValues
 from dynident.excitation.design_result import Design
 from dynident.file_output import write_atomically
-from dynident.recordings.arrow_tables import table_column_to_numbers, table_from_arrays, to_header_row, write_table
+from dynident.recordings.arrow_tables import (
+    table_column_to_floats,
+    table_column_to_numbers,
+    table_from_arrays,
+    to_header_row,
+    write_table,
+)
+from dynident.text_encoding import encode_text
 
 _NANOSECONDS = 1_000_000_000
 
@@ -92,7 +100,30 @@ def design_table(design: Design) -> pa.Table:
     return table_from_arrays(columns)
 
 
-def write_design(design: Design, path: Path) -> None:
+def slow_down(table: pa.Table, speed: float) -> pa.Table:
+    """Return the rows of a trajectory for the same path at a share of its speed.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        The trajectory, as `design_table` gives it, or some of its rows.
+    speed : float
+        The share of the speed, 0 < speed <= 1. The rows stay the same, so that the sampling rate falls by this share.
+
+    Returns
+    -------
+    pyarrow.Table
+        Times divided by the share, velocities times the share, accelerations times its square.
+    """
+    powers = {"t": -1, "dq": 1, "ddq": 2}
+    for index, name in enumerate(table.column_names):
+        power = powers.get(name.partition("_")[0])
+        if power is not None and speed != 1.0:
+            table = table.set_column(index, name, pc.multiply(table.column(index), speed**power))
+    return table
+
+
+def write_design(design: Design, path: Path, speed: float = 1.0) -> None:
     """Write the trajectory to a file: t in s, positions in rad or m and their derivatives, row by row.
 
     Parameters
@@ -100,15 +131,25 @@ def write_design(design: Design, path: Path) -> None:
     design : Design
         The verified design.
     path : Path
-        The file, .csv or .parquet.
+        The file: .csv, .parquet, or .yaml for a JointTrajectory of ROS 2.
+    speed : float
+        Share of the designed speed, 0 < speed <= 1, for a first run on the robot.
 
     Raises
     ------
     DynidentError
-        For a file that ends neither in .csv nor in .parquet.
+        For a file of another ending, or a speed that is no such share.
     """
-    table = design_table(design)
-    if path.suffix == ".parquet":
+    if not 0.0 < speed <= 1.0:
+        raise DynidentError(f"{speed:g} is not a share of the speed; give more than 0 and at most 1", pointer="speed")
+    table = slow_down(design_table(design), speed)
+    if path.suffix == ".yaml":
+        t, names = table_column_to_floats(table.column("t")), design.joint_names
+        # The last columns are the signals: positions, velocities, accelerations, joint by joint.
+        signals = [table_column_to_floats(column) for column in table.columns[-3 * len(names) :]]
+        q, dq, ddq = np.split(np.column_stack(signals), 3, axis=1)
+        write_atomically(path, encode_text("".join(format_joint_trajectory(names, t, q, dq, ddq))))
+    elif path.suffix == ".parquet":
         write_table(table, path)
     elif path.suffix == ".csv":
         stream = BytesIO(to_header_row(table.column_names))
@@ -118,7 +159,7 @@ def write_design(design: Design, path: Path) -> None:
         np.savetxt(stream, values, fmt="%.12g", delimiter=",")
         write_atomically(path, stream.getvalue())
     else:
-        raise DynidentError(f"cannot write a trajectory to {path.name}; use .csv or .parquet", pointer="format")
+        raise DynidentError(f"cannot write a trajectory to {path.name}; use .csv, .parquet or .yaml", pointer="format")
 
 
 def trajectory_document(design: Design) -> dict[str, object]:

@@ -28,6 +28,9 @@ from dynident_cli.shared_options import (
     repeatable_option,
 )
 
+# Share of the speed of a first run, as the warnings of a design advise.
+_FIRST_SPEED = 1 / 3
+
 
 def simulate(
     robot: RobotArgument,
@@ -173,6 +176,16 @@ def design(
         typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2)."),
         FILE_IN_FOLDER,
     ] = Path("trajectory.csv"),
+    slow: Annotated[
+        Path | None,
+        typer.Option(
+            "--slow",
+            metavar="FILE",
+            help="The same motion at a third of its speed, for a first run.",
+            show_default=False,
+        ),
+        FILE_IN_FOLDER,
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Design an exciting trajectory within the robot's limits.
@@ -192,7 +205,9 @@ def design(
     )
 
     # Before the design, which takes minutes.
-    check_ending(out, TRAJECTORY_ENDINGS)
+    for path in (out, slow):
+        if path is not None:
+            check_ending(path, TRAJECTORY_ENDINGS)
     machine = argument_loading.load_robot_argument(robot, reading)
     typed_request = request_options.build_request(
         DesignRequest, effects=argument_loading.read_effects(effects, machine) or None
@@ -209,7 +224,10 @@ def design(
     with argument_loading.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
         recordings, _, progress = data
         experiment = design_experiment(machine, request, progress, recordings.recordings, identified=identified)
-    DesignedMotion(machine, experiment).save(out)
+    motion = DesignedMotion(machine, experiment)
+    motion.save(out)
+    if slow is not None:
+        motion.save(slow, _FIRST_SPEED)
     described, message = lambda: contract_documents.describe_design(experiment), f"trajectory written to {out}"
     command_output.print_result(as_json, described, lambda console: show_design(console, experiment, machine), message)
     # On stderr, so that they are seen where the result goes into a file or as JSON to a script.

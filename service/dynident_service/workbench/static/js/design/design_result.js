@@ -30,8 +30,8 @@ function worth({ notes, warnings = [] }, quality) {
 
 function take(design, formats) {
   const said = h("div");
-  const links = formatLinks(formats, (format) => `/v1/designs/${design.id}/trajectory?format=${format}`, said);
-  return part("For the controller", h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
+  const links = (speed) => h("p", { class: "actions" }, formatLinks(formats, (format) => `/v1/designs/${design.id}/trajectory?format=${format}&speed=${speed}`, said));
+  return part("For the controller", links(1), h("details", { class: "slow" }, h("summary", {}, "For a first run, at a third of the speed"), links(1 / 3)), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
 }
 
 async function showMotion(section, design, robot, signal) {
