@@ -321,9 +321,15 @@ def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: 
     check_shape_constants(choice, pointer)
     joints = find_joints(choice, signals.robot, pointer)
     effect = get_effect(choice.effect)
-    if signals.robot.linkage is None:
-        return effect.columns(signals, joints, choice.shape_values)
-    return _build_dependent_columns(effect, signals, signals.robot.linkage.driven, joints, choice)
+    key = effect, replace(choice, runs=())
+    if key not in signals.known_columns:
+        linkage = signals.robot.linkage
+        signals.known_columns[key] = tuple(
+            effect.columns(signals, joints, choice.shape_values)
+            if linkage is None
+            else _build_dependent_columns(effect, signals, linkage.driven, joints, choice)
+        )
+    return list(signals.known_columns[key])
 
 
 def _build_dependent_columns(

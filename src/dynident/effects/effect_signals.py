@@ -6,10 +6,11 @@ operator is a subclass of `Operator` that is passed to `MemorySignal`; nothing e
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,6 +20,10 @@ from dynident.effects.dependent_joint_dynamics import DependentMechanics
 from dynident.effects.predicted_torque_expressions import Prediction, count_reference_parameters
 from dynident.effects.rigid_body_rows import Mechanics
 from dynident.robot.robot_model import Robot
+
+if TYPE_CHECKING:
+    from dynident.effects.effect import Column, Effect
+    from dynident.effects.effect_choices import EffectChoice
 
 # |z| from which on a state counts as at its stop, in spite of rounding.
 _AT_STOP = 1.0 - 1e-12
@@ -253,6 +258,17 @@ class Signals:
         # By name, because asking CasADi for a symbol's name takes longer than everything else here.
         self._memory_named: dict[str, MemorySignal] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
+        # Columns that were built before, by effect and choice: a diagnosis asks for most of them several times.
+        self.known_columns: dict[tuple[Effect, EffectChoice], tuple[Column, ...]] = {}
+
+    def copy(self) -> Signals:
+        """Return signals of the same symbols, whose further hysteresis states and runs are their own."""
+        own = copy.copy(self)
+        own._memory, own._memory_named, own._runs = self._memory.copy(), self._memory_named.copy(), self._runs.copy()
+        own.known_columns = self.known_columns.copy()
+        # The tree's signals ask those of the machine for states and runs: they are its own as well.
+        own.of_tree = None
+        return own
 
     @cached_property
     def sign(self) -> ca.SX:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from dynident.effects import (
     DRIVE_ROLES,
     LINKS,
     Column,
+    Effect,
     EffectChoice,
     ReferenceParameters,
     Role,
@@ -323,6 +325,46 @@ def build_model(
     base = base or find_base_parameters(robot, columns, signals, tolerance=tolerance)
     observation = Observation.from_columns(robot, [columns[k] for k in base.kept], signals)
     return Model(robot, tuple(effects), signals, tuple(columns), base, observation)
+
+
+def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float = DEFAULT_TOLERANCE) -> Model:
+    """Return a model as `build_model` does; of a robot and effects that were asked for lately, it is at hand.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that the effects act on.
+    effects : sequence of EffectChoice
+        The chosen effects, in the order of preference.
+    tolerance : float
+        Share of a column that may be left outside the others for it to count as dependent on them.
+
+    Returns
+    -------
+    Model
+        Its symbols and compiled columns are shared; hysteresis states and runs that are added to it are its own.
+
+    Raises
+    ------
+    DynidentError
+        As `build_model` does.
+    """
+    # Another effect may have got the name of one in the catalogue.
+    meant = tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(effects))
+    known = _build_model_once(robot, tuple(effects), meant, tolerance)
+    own = copy.copy(known)
+    object.__setattr__(own, "signals", known.signals.copy())
+    return own
+
+
+@lru_cache(maxsize=16)
+def _build_model_once(
+    robot: Robot, effects: tuple[EffectChoice, ...], meant: tuple[Effect, ...], tolerance: float
+) -> Model:
+    model = build_model(robot, effects, tolerance=tolerance)
+    # Every identification asks for it: computed here, the copies have it.
+    _ = model.at_rest
+    return model
 
 
 def check_columns(columns: Sequence[Column]) -> None:
