@@ -321,15 +321,14 @@ def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: 
     check_shape_constants(choice, pointer)
     joints = find_joints(choice, signals.robot, pointer)
     effect = get_effect(choice.effect)
-    key = effect, replace(choice, runs=())
-    if key not in signals.known_columns:
-        linkage = signals.robot.linkage
-        signals.known_columns[key] = tuple(
-            effect.columns(signals, joints, choice.shape_values)
-            if linkage is None
-            else _build_dependent_columns(effect, signals, linkage.driven, joints, choice)
-        )
-    return list(signals.known_columns[key])
+    linkage, shape = signals.robot.linkage, choice.shape_values
+
+    def build() -> list[Column]:
+        if linkage is None:
+            return effect.columns(signals, joints, shape)
+        return _build_dependent_columns(effect, signals, linkage.driven, joints, choice)
+
+    return list(signals.get_columns(effect, replace(choice, runs=()), build))
 
 
 def _build_dependent_columns(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, ClassVar
@@ -220,6 +221,14 @@ class RunSignal:
     runs: tuple[str, ...] = ()
 
 
+class _SharedSymbols:
+    """What signals with the same symbols share: hysteresis states, and columns with the states that they depend on."""
+
+    def __init__(self) -> None:
+        self.memory: dict[MemorySignal, tuple[str, ca.SX]] = {}
+        self.columns: dict[tuple[Effect, EffectChoice], tuple[tuple[Column, ...], tuple[MemorySignal, ...]]] = {}
+
+
 class Signals:
     """Symbols of q and its derivatives, time, temperature, reference parameters, hysteresis states and runs.
 
@@ -258,17 +267,35 @@ class Signals:
         # By name, because asking CasADi for a symbol's name takes longer than everything else here.
         self._memory_named: dict[str, MemorySignal] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
-        # Columns that were built before, by effect and choice: a diagnosis asks for most of them several times.
-        self.known_columns: dict[tuple[Effect, EffectChoice], tuple[Column, ...]] = {}
+        self._shared = _SharedSymbols()
 
     def copy(self) -> Signals:
-        """Return signals of the same symbols, whose further hysteresis states and runs are their own."""
+        """Return signals of the same symbols and known columns, with hysteresis states and runs of their own."""
         own = copy.copy(self)
         own._memory, own._memory_named, own._runs = self._memory.copy(), self._memory_named.copy(), self._runs.copy()
-        own.known_columns = self.known_columns.copy()
         # The tree's signals ask those of the machine for states and runs: they are its own as well.
         own.of_tree = None
         return own
+
+    def get_columns(
+        self, effect: Effect, choice: EffectChoice, build: Callable[[], Sequence[Column]]
+    ) -> tuple[Column, ...]:
+        """Return the columns of a choice; they are built once for all signals with these symbols."""
+        known = self._shared.columns.get((effect, choice))
+        if known is None:
+            columns = tuple(build())
+            states = self.find_memory_signals(ca.horzcat(*(column.torque for column in columns)))
+            known = columns, states
+            self._shared.columns[effect, choice] = known
+        columns, states = known
+        for state in states:
+            self.memory(state)
+        return columns
+
+    @property
+    def n_known_choices(self) -> int:
+        """Number of choices whose columns are kept."""
+        return len(self._shared.columns)
 
     @cached_property
     def sign(self) -> ca.SX:
@@ -323,9 +350,11 @@ class Signals:
     def memory(self, signal: MemorySignal) -> ca.SX:
         """Return the symbol SX (1, 1) of a hysteresis state, the same for equal signals."""
         if signal not in self._memory:
+            known = self._shared.memory
             # The running number keeps names apart: signals may differ in nothing but their slip.
-            name = f"z_{signal.operator.name}_{signal.joint}_{len(self._memory)}"
-            self._memory[signal], self._memory_named[name] = ca.SX.sym(name), signal
+            name = f"z_{signal.operator.name}_{signal.joint}_{len(known)}"
+            name, symbol = known.setdefault(signal, (name, ca.SX.sym(name)))
+            self._memory[signal], self._memory_named[name] = symbol, signal
         return self._memory[signal]
 
     @property

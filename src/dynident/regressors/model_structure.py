@@ -37,6 +37,8 @@ from dynident.regressors.row_phases import build_rest_observation
 from dynident.robot.pseudo_inertia import estimate_inertia_errors, estimate_rotor_inertias
 from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
+# Choices of effects whose columns are kept at hand for a model; a diagnosis asks for some 600.
+_MOST_CHOICES = 10_000
 # Rows of the random observation matrix for every column: twice as many as would do.
 _STATES_PER_COLUMN = 2
 
@@ -352,6 +354,9 @@ def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float
     # Another effect may have got the name of one in the catalogue.
     meant = tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(effects))
     known = _build_model_once(robot, tuple(effects), meant, tolerance)
+    if known.signals.n_known_choices > _MOST_CHOICES:
+        _build_model_once.cache_clear()
+        known = _build_model_once(robot, tuple(effects), meant, tolerance)
     own = copy.copy(known)
     object.__setattr__(own, "signals", known.signals.copy())
     return own
