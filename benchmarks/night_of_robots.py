@@ -1,4 +1,4 @@
-"""Many robots of one type in a night: the model of each from yesterday's motion, and what today's motion says has changed.
+"""Many robots of one type in a night: the model of each from yesterday's motion, and what has changed today.
 
     python benchmarks/night_of_robots.py [--robots 40] [--seconds 30] [--seed 1]
 
@@ -99,7 +99,8 @@ def theirs_is_changed(model: pinocchio.Model, columns: np.ndarray, night: tuple[
 
 def told(said: list[bool], changed: list[bool]) -> tuple[str, str]:
     """How many changed robots were told, and how many of the others."""
-    right, wrong = (sum(one for one, is_so in zip(said, changed, strict=True) if is_so == kind) for kind in (True, False))
+    pairs = list(zip(said, changed, strict=True))
+    right, wrong = (sum(one for one, is_so in pairs if is_so == kind) for kind in (True, False))
     return f"{right} of {sum(changed)}", f"{wrong} of {len(changed) - sum(changed)}"
 
 

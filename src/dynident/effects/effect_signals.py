@@ -281,12 +281,13 @@ class Signals:
         self, effect: Effect, choice: EffectChoice, build: Callable[[], Sequence[Column]]
     ) -> tuple[Column, ...]:
         """Return the columns of a choice; they are built once for all signals with these symbols."""
-        known = self._shared.columns.get((effect, choice))
+        # An effect of the user's own may have been registered anew, so that its id would not do.
+        key = effect, choice
+        known = self._shared.columns.get(key)
         if known is None:
-            columns = tuple(build())
-            states = self.find_memory_signals(ca.horzcat(*(column.torque for column in columns)))
-            known = columns, states
-            self._shared.columns[effect, choice] = known
+            built = tuple(build())
+            known = built, self.find_memory_signals(ca.horzcat(*(column.torque for column in built)))
+            self._shared.columns[key] = known
         columns, states = known
         for state in states:
             self.memory(state)

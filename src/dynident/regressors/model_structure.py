@@ -351,7 +351,7 @@ def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float
     DynidentError
         As `build_model` does.
     """
-    # Another effect may have got the name of one in the catalogue.
+    # An effect of the user's own may have been registered anew.
     meant = tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(effects))
     known = _build_model_once(robot, tuple(effects), meant, tolerance)
     if known.signals.n_known_choices > _MOST_CHOICES:
@@ -364,7 +364,7 @@ def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float
 
 @lru_cache(maxsize=16)
 def _build_model_once(
-    robot: Robot, effects: tuple[EffectChoice, ...], meant: tuple[Effect, ...], tolerance: float
+    robot: Robot, effects: tuple[EffectChoice, ...], _meant: tuple[Effect, ...], tolerance: float
 ) -> Model:
     model = build_model(robot, effects, tolerance=tolerance)
     # Every identification asks for it: computed here, the copies have it.
