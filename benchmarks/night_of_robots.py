@@ -1,6 +1,6 @@
 """Many robots of one type in a night: the model of each from yesterday's motion, and what has changed today.
 
-    python benchmarks/night_of_robots.py [--robots 40] [--seconds 30] [--seed 1]
+    python benchmarks/night_of_robots.py [--robots 20] [--seconds 30] [--seed 1]
 
 Each robot has its own motion on each day, and its own friction; on every fifth one joint has half as much Coulomb
 friction more on the second day. The rival is the plain script: it identifies each day, and calls a parameter changed
@@ -36,7 +36,7 @@ SURE = 4.0
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int, default=40)
+    parser.add_argument("--robots", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=30.0, help="length of each recording")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()

@@ -80,7 +80,7 @@ def compute_r_factor(rows: FloatArray) -> FloatArray:
     return np.where(_mask_below_diagonal(factor.shape), 0.0, factor)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=512)
 def _mask_below_diagonal(shape: tuple[int, int]) -> BoolArray:
     """Return True below the diagonal. Thousands of small factors have few shapes: a mask for each takes a third."""
     return np.tri(*shape, k=-1, dtype=bool)
