@@ -323,12 +323,15 @@ def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: 
     effect = get_effect(choice.effect)
     linkage, shape = signals.robot.linkage, choice.shape_values
 
-    def build() -> list[Column]:
+    def build() -> tuple[tuple[Column, ...], ca.SX]:
         if linkage is None:
-            return effect.columns(signals, joints, shape)
-        return _build_dependent_columns(effect, signals, linkage.driven, joints, choice)
+            columns = effect.columns(signals, joints, shape)
+        else:
+            columns = _build_dependent_columns(effect, signals, linkage.driven, joints, choice)
+        return tuple(columns), ca.horzcat(*(column.torque for column in columns))
 
-    return list(signals.get_columns(effect, replace(choice, runs=()), build))
+    # The effect itself, because one of the user's own may have been registered anew under its id.
+    return list(signals.build_once((effect, replace(choice, runs=())), build))
 
 
 def _build_dependent_columns(

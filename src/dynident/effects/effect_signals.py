@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -22,10 +22,7 @@ from dynident.effects.predicted_torque_expressions import Prediction, count_refe
 from dynident.effects.rigid_body_rows import Mechanics
 from dynident.robot.robot_model import Robot
 
-if TYPE_CHECKING:
-    from dynident.effects.effect import Column, Effect
-    from dynident.effects.effect_choices import EffectChoice
-
+_Built = TypeVar("_Built")
 # |z| from which on a state counts as at its stop, in spite of rounding.
 _AT_STOP = 1.0 - 1e-12
 
@@ -222,11 +219,11 @@ class RunSignal:
 
 
 class _SharedSymbols:
-    """What signals with the same symbols share: hysteresis states, and columns with the states that they depend on."""
+    """What signals with the same symbols share: hysteresis states, and what was built, with the states in it."""
 
     def __init__(self) -> None:
         self.memory: dict[MemorySignal, tuple[str, ca.SX]] = {}
-        self.columns: dict[tuple[Effect, EffectChoice], tuple[tuple[Column, ...], tuple[MemorySignal, ...]]] = {}
+        self.built: dict[Hashable, tuple[object, tuple[MemorySignal, ...]]] = {}
 
 
 class Signals:
@@ -277,26 +274,23 @@ class Signals:
         own.of_tree = None
         return own
 
-    def get_columns(
-        self, effect: Effect, choice: EffectChoice, build: Callable[[], Sequence[Column]]
-    ) -> tuple[Column, ...]:
-        """Return the columns of a choice; they are built once for all signals with these symbols."""
-        # An effect of the user's own may have been registered anew, so that its id would not do.
-        key = effect, choice
-        known = self._shared.columns.get(key)
-        if known is None:
-            built = tuple(build())
-            known = built, self.find_memory_signals(ca.horzcat(*(column.torque for column in built)))
-            self._shared.columns[key] = known
-        columns, states = known
+    def build_once(self, key: Hashable, build: Callable[[], tuple[_Built, ca.SX]]) -> _Built:
+        """Return what is built once for all signals with these symbols; `build` gives also an expression of its states.
+
+        The states become known to these signals, whoever built it.
+        """
+        if key not in self._shared.built:
+            built, expression = build()
+            self._shared.built[key] = built, self.find_memory_signals(expression)
+        known, states = self._shared.built[key]
         for state in states:
             self.memory(state)
-        return columns
+        return cast(_Built, known)
 
     @property
-    def n_known_choices(self) -> int:
-        """Number of choices whose columns are kept."""
-        return len(self._shared.columns)
+    def n_built(self) -> int:
+        """Number of things that were built and are kept."""
+        return len(self._shared.built)
 
     @cached_property
     def sign(self) -> ca.SX:

@@ -354,7 +354,7 @@ def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float
     # An effect of the user's own may have been registered anew.
     meant = tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(effects))
     known = _build_model_once(robot, tuple(effects), meant, tolerance)
-    if known.signals.n_known_choices > _MOST_CHOICES:
+    if known.signals.n_built > _MOST_CHOICES:
         _build_model_once.cache_clear()
         known = _build_model_once(robot, tuple(effects), meant, tolerance)
     own = copy.copy(known)
