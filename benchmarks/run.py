@@ -29,7 +29,14 @@ HERE = Path(__file__).resolve().parent
 PAGE, KEPT = HERE / "README.md", HERE / "ratios.json"
 BEGIN, END = "<!-- python benchmarks/run.py -->", "<!-- end of the table -->"
 QUICK = ("regressor_throughput", "extending", "identification_speed")
-LONG = ("large_recording", "diagnosis_ranking", "feasible_estimator", "reidentification", "design_speed")
+LONG = (
+    "large_recording",
+    "diagnosis_ranking",
+    "feasible_estimator",
+    "reidentification",
+    "design_speed",
+    "night_of_robots",
+)
 RUNS, QUICK_RUNS = 3, 2
 FALLEN = 0.5
 """Share of the kept ratio below which a benchmark has failed."""

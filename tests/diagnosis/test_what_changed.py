@@ -27,7 +27,7 @@ from support.oracles import FloatArray, Motion, pinocchio_torque
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
@@ -91,7 +91,15 @@ def test_where_nothing_changed_nothing_is_said_to_have() -> None:
 
 def test_without_a_baseline_nothing_is_said_of_changes() -> None:
     monday, _ = two_days(nothing)
-    assert diagnose(identify(ROBOT, [monday], [], CHOICES), [monday]).changes is None
+    found = diagnose(identify(ROBOT, [monday], [], CHOICES), [monday])
+    assert found.changes is None
+    # Who asks what is missing gets the limits of all effects; what changed needs those of the conclusion alone.
+    common, every = (
+        {one.effect for one in asked(nothing).detection_limits},
+        {one.effect for one in found.detection_limits},
+    )
+    assert common == {name for name in every if get_effect(name).often_missed is not None} < every
+    assert asked(nothing).conclusion is not None
 
 
 def test_more_friction_on_one_joint_is_told_as_that_with_what_it_was_before() -> None:

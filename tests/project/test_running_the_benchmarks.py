@@ -44,6 +44,7 @@ SMALL = {
     "many_clients": "--clients 3 --seconds 3",
     "messy_arms": "--cases 1 --duration 5",
     "next_experiment": "--cases 1",
+    "night_of_robots": "--robots 1 --seconds 10",
     "outlying_spans": "--cases 1 --processes 1",
     "placebo": "--shifts 1 --arms 1 --only simulated",
     "recordings_side_by_side": "--recordings 2 --samples 50000",

@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_states
 
-from dynident.effects import Column, EffectChoice, ReferenceParameters, Signals, build_columns
+from dynident.effects import CATALOGUE, Column, EffectChoice, ReferenceParameters, Signals, build_columns
+from dynident.effects.effect_signals import DAHL, MemorySignal
 from dynident.expressions import compiled_expressions
 from dynident.expressions.compiled_expressions import Compiled
 from dynident.regressors.base_parameters import evaluate_at_random_states, find_base_parameters, select_base
-from dynident.regressors.model_structure import build_model, find_inertial_base_parameters
+from dynident.regressors.model_structure import build_model, find_inertial_base_parameters, get_model
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import robot_from_urdf
 
@@ -211,7 +212,13 @@ def test_first_order_columns_among_others_stand_in_their_places_and_are_compiled
 
     def columns(waves: float) -> list[Column]:
         ripple = EffectChoice("torque_ripple", joint, (("k", waves),))
-        return build_columns([EffectChoice("torque_delay"), ripple, EffectChoice("encoder_zero_error", joint)], signals)
+        choices = [
+            EffectChoice("torque_delay"),
+            ripple,
+            EffectChoice("payload"),
+            EffectChoice("encoder_zero_error", joint),
+        ]
+        return build_columns(choices, signals)
 
     whole = Observation.from_columns(model.robot, [*model.kept, *columns(7.0)], signals)
     extended = model.observation.extend(columns(7.0), signals)
@@ -224,7 +231,7 @@ def test_first_order_columns_among_others_stand_in_their_places_and_are_compiled
         sizes.append(casadi.Function.deserialize(serialised).n_instructions())
         return Compiled(casadi.Function.deserialize(serialised), *others)
 
-    # Another wave is other code; the derivatives of the whole torque are those that are there.
+    # Another wave is other code; the derivatives of the whole torque, and the load's torque, are those that are there.
     compiled = lru_cache(compile_counted)
     monkeypatch.setattr(compiled_expressions, "_compile", compiled)
     evaluate_at_random_states(model.observation.extend(columns(7.0), signals), 20)
@@ -233,3 +240,29 @@ def test_first_order_columns_among_others_stand_in_their_places_and_are_compiled
     evaluate_at_random_states(model.observation.extend(columns(9.5), signals), 20)
     assert len(sizes) == 1
     assert max(sizes) < 100
+
+
+def test_models_of_one_robot_share_their_columns_and_not_the_states_that_are_added_to_one_of_them():
+    robot, effects = arm("ur10"), [EffectChoice("rigid_body"), EffectChoice("coulomb")]
+    first, second, built = get_model(robot, effects), get_model(robot, effects), build_model(robot, effects)
+    assert second.observation is first.observation
+    assert second.at_rest is first.at_rest
+    np.testing.assert_array_equal(
+        evaluate_at_random_states(first.observation, 20), evaluate_at_random_states(built.observation, 20)
+    )
+    presliding = EffectChoice("presliding", robot.joint_names[:1], (("d0", 0.01), ("law", 1.0)))
+    columns = build_columns([presliding], first.signals)
+    assert first.signals.memory_signals
+    assert second.signals.memory_signals == ()
+    assert build_columns([presliding], second.signals) == columns
+    assert second.signals.memory_signals == first.signals.memory_signals
+    # A state that only one of them has is named as none of the other's is.
+    for signals, slip in ((first.signals, 0.02), (second.signals, 0.03)):
+        signals.memory(MemorySignal(DAHL, 0, slip))
+    names = {symbol.name() for one in (first, second) for symbol in casadi.symvar(one.signals.memory_symbols)}
+    assert len(names) == 3
+    assert get_model(arm("franka_panda"), effects).robot.n == 7
+    again = type("Again", (type(CATALOGUE["coulomb"]),), {"id": "coulomb"})()
+    with CATALOGUE.add_temporarily(again):
+        assert get_model(robot, effects).observation is not first.observation
+    assert get_model(robot, effects).observation is first.observation

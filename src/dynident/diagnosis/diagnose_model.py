@@ -135,7 +135,7 @@ def diagnose(
         prediction of blocks that were left out of the fit. Tests of single joints' friction are left out.
     baseline : sequence of Recording, optional
         Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
-        is then identified on both.
+        is then identified on both, and detection limits are those of effects that arms often have.
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
     most_effects : int
@@ -269,7 +269,7 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *findings), (*pushes, *recommended)
-    ranking = _rank_candidates(search, everything, named, has)
+    ranking = _rank_candidates(search, everything, named, has, only_common_limits=bool(baseline))
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
@@ -445,13 +445,18 @@ class _Ranking(NamedTuple):
 
 
 def _rank_candidates(
-    search: _Search, findings: Sequence[Finding], choices: Sequence[EffectChoice], has: Sequence[str]
+    search: _Search,
+    findings: Sequence[Finding],
+    choices: Sequence[EffectChoice],
+    has: Sequence[str],
+    *,
+    only_common_limits: bool,
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
     first, record = search.family.scored, search.record
     final = score_beside_findings(search.start, record.state, findings, choices, search.family)
     outcomes, beside = list_outcomes(final, record, choices, first)
-    limits = compute_detection_limits(final, choices)
+    limits = compute_detection_limits(final, choices, only_common=only_common_limits)
     outcomes = add_limits(outcomes, limits)
     ranked_findings = rank_findings(findings, choices, has)
     ranked = (*ranked_findings, *rank_rejected(outcomes, first, beside, len(ranked_findings)))

@@ -317,8 +317,15 @@ def get_spec(column: Column) -> ParameterSpec | None:
     ParameterSpec or None
         None for a column that belongs to no effect, such as the offset of a sensor.
     """
-    effect = CATALOGUE.get(column.effect)
-    return next((spec for spec in effect.parameters if spec.name == column.parameter), None) if effect else None
+    # Plain, since a fit asks hundreds of times.
+    try:
+        specs = CATALOGUE[column.effect].parameters
+    except KeyError:
+        return None
+    for spec in specs:
+        if spec.name == column.parameter:
+            return spec
+    return None
 
 
 def get_role(column: Column) -> Role | None:

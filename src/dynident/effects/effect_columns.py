@@ -321,9 +321,17 @@ def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: 
     check_shape_constants(choice, pointer)
     joints = find_joints(choice, signals.robot, pointer)
     effect = get_effect(choice.effect)
-    if signals.robot.linkage is None:
-        return effect.columns(signals, joints, choice.shape_values)
-    return _build_dependent_columns(effect, signals, signals.robot.linkage.driven, joints, choice)
+    linkage, shape = signals.robot.linkage, choice.shape_values
+
+    def build() -> tuple[tuple[Column, ...], ca.SX]:
+        if linkage is None:
+            columns = effect.columns(signals, joints, shape)
+        else:
+            columns = _build_dependent_columns(effect, signals, linkage.driven, joints, choice)
+        return tuple(columns), ca.horzcat(*(column.torque for column in columns))
+
+    # The effect itself, because one of the user's own may have been registered anew under its id.
+    return list(signals.build_once((effect, replace(choice, runs=())), build))
 
 
 def _build_dependent_columns(

@@ -6,10 +6,12 @@ operator is a subclass of `Operator` that is passed to `MemorySignal`; nothing e
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import ClassVar
+from typing import ClassVar, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -20,6 +22,7 @@ from dynident.effects.predicted_torque_expressions import Prediction, count_refe
 from dynident.effects.rigid_body_rows import Mechanics
 from dynident.robot.robot_model import Robot
 
+_Built = TypeVar("_Built")
 # |z| from which on a state counts as at its stop, in spite of rounding.
 _AT_STOP = 1.0 - 1e-12
 
@@ -215,6 +218,14 @@ class RunSignal:
     runs: tuple[str, ...] = ()
 
 
+class _SharedSymbols:
+    """What signals with the same symbols share: hysteresis states, and what was built, with the states in it."""
+
+    def __init__(self) -> None:
+        self.memory: dict[MemorySignal, tuple[str, ca.SX]] = {}
+        self.built: dict[Hashable, tuple[object, tuple[MemorySignal, ...]]] = {}
+
+
 class Signals:
     """Symbols of q and its derivatives, time, temperature, reference parameters, hysteresis states and runs.
 
@@ -253,6 +264,33 @@ class Signals:
         # By name, because asking CasADi for a symbol's name takes longer than everything else here.
         self._memory_named: dict[str, MemorySignal] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
+        self._shared = _SharedSymbols()
+
+    def copy(self) -> Signals:
+        """Return signals of the same symbols and known columns, with hysteresis states and runs of their own."""
+        own = copy.copy(self)
+        own._memory, own._memory_named, own._runs = self._memory.copy(), self._memory_named.copy(), self._runs.copy()
+        # The tree's signals ask those of the machine for states and runs: they are its own as well.
+        own.of_tree = None
+        return own
+
+    def build_once(self, key: Hashable, build: Callable[[], tuple[_Built, ca.SX]]) -> _Built:
+        """Return what is built once for all signals with these symbols; `build` gives also an expression of its states.
+
+        The states become known to these signals, whoever built it.
+        """
+        if key not in self._shared.built:
+            built, expression = build()
+            self._shared.built[key] = built, self.find_memory_signals(expression)
+        known, states = self._shared.built[key]
+        for state in states:
+            self.memory(state)
+        return cast(_Built, known)
+
+    @property
+    def n_built(self) -> int:
+        """Number of things that were built and are kept."""
+        return len(self._shared.built)
 
     @cached_property
     def sign(self) -> ca.SX:
@@ -307,9 +345,11 @@ class Signals:
     def memory(self, signal: MemorySignal) -> ca.SX:
         """Return the symbol SX (1, 1) of a hysteresis state, the same for equal signals."""
         if signal not in self._memory:
+            known = self._shared.memory
             # The running number keeps names apart: signals may differ in nothing but their slip.
-            name = f"z_{signal.operator.name}_{signal.joint}_{len(self._memory)}"
-            self._memory[signal], self._memory_named[name] = ca.SX.sym(name), signal
+            name = f"z_{signal.operator.name}_{signal.joint}_{len(known)}"
+            name, symbol = known.setdefault(signal, (name, ca.SX.sym(name)))
+            self._memory[signal], self._memory_named[name] = symbol, signal
         return self._memory[signal]
 
     @property

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import clarabel
 import numpy as np
@@ -247,6 +248,7 @@ def _pack_triangle(matrix: FloatArray) -> FloatArray:
     return np.asarray(matrix[rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0)))
 
 
+@lru_cache(maxsize=64)
 def _index_triangle(size: int) -> tuple[IndexArray, IndexArray]:
     # The lower triangle row by row has the order of the upper one column by column.
     columns, rows = np.tril_indices(size)

@@ -68,7 +68,10 @@ _BLOCK = 32
 
 def compute_r_factor(rows: FloatArray) -> FloatArray:
     """Return the factor R (…, k, k) of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
-    if rows.ndim > 2 or not rows.size:
+    # Most groups of rows, such as those at reversals, are empty in most blocks.
+    if not rows.size:
+        return np.zeros((*rows.shape[:-2], min(rows.shape[-2:]), rows.shape[-1]))
+    if rows.ndim > 2:
         return np.asarray(np.linalg.qr(rows, mode="r"))
     # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
     k = rows.shape[1]
@@ -77,7 +80,7 @@ def compute_r_factor(rows: FloatArray) -> FloatArray:
     return np.where(_mask_below_diagonal(factor.shape), 0.0, factor)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=512)
 def _mask_below_diagonal(shape: tuple[int, int]) -> BoolArray:
     """Return True below the diagonal. Thousands of small factors have few shapes: a mask for each takes a third."""
     return np.tri(*shape, k=-1, dtype=bool)

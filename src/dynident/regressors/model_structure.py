@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from dynident.effects import (
     DRIVE_ROLES,
     LINKS,
     Column,
+    Effect,
     EffectChoice,
     ReferenceParameters,
     Role,
@@ -35,6 +37,8 @@ from dynident.regressors.row_phases import build_rest_observation
 from dynident.robot.pseudo_inertia import estimate_inertia_errors, estimate_rotor_inertias
 from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
+# Choices of effects whose columns are kept at hand for a model; a diagnosis asks for some 600.
+_MOST_CHOICES = 10_000
 # Rows of the random observation matrix for every column: twice as many as would do.
 _STATES_PER_COLUMN = 2
 
@@ -323,6 +327,49 @@ def build_model(
     base = base or find_base_parameters(robot, columns, signals, tolerance=tolerance)
     observation = Observation.from_columns(robot, [columns[k] for k in base.kept], signals)
     return Model(robot, tuple(effects), signals, tuple(columns), base, observation)
+
+
+def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float = DEFAULT_TOLERANCE) -> Model:
+    """Return a model as `build_model` does; of a robot and effects that were asked for lately, it is at hand.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that the effects act on.
+    effects : sequence of EffectChoice
+        The chosen effects, in the order of preference.
+    tolerance : float
+        Share of a column that may be left outside the others for it to count as dependent on them.
+
+    Returns
+    -------
+    Model
+        Its symbols and compiled columns are shared; hysteresis states and runs that are added to it are its own.
+
+    Raises
+    ------
+    DynidentError
+        As `build_model` does.
+    """
+    # An effect of the user's own may have been registered anew.
+    meant = tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(effects))
+    known = _build_model_once(robot, tuple(effects), meant, tolerance)
+    if known.signals.n_built > _MOST_CHOICES:
+        _build_model_once.cache_clear()
+        known = _build_model_once(robot, tuple(effects), meant, tolerance)
+    own = copy.copy(known)
+    object.__setattr__(own, "signals", known.signals.copy())
+    return own
+
+
+@lru_cache(maxsize=16)
+def _build_model_once(
+    robot: Robot, effects: tuple[EffectChoice, ...], _meant: tuple[Effect, ...], tolerance: float
+) -> Model:
+    model = build_model(robot, effects, tolerance=tolerance)
+    # Every identification asks for it: computed here, the copies have it.
+    _ = model.at_rest
+    return model
 
 
 def check_columns(columns: Sequence[Column]) -> None:

@@ -390,19 +390,30 @@ class Observation:
 
 
 def _build_tail(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
-    """Build the matrix of columns that are put behind others, first-order effects in a program of their own.
+    """Build the matrix of columns that are put behind others, each kind of them in a program of its own.
 
-    Each of them is the derivative of the whole torque, so that compiling them takes longest. Mostly the other columns
-    are what changes from one matrix to the next: then this program is at hand.
+    First-order effects are derivatives of the whole torque, so that compiling them takes longest; which shape constants
+    are tried of some others depends on the data. Mostly one kind changes from one matrix to the next: then the programs
+    of the others are at hand.
     """
-    first_order = [bool(column.effect) and get_effect(column.effect).first_order for column in columns]
-    if all(first_order) or not any(first_order):
+    kinds = np.array([_find_kind(column) for column in columns])
+    if not len(columns) or (kinds == kinds[0]).all():
         return Observation.from_columns(robot, columns, signals)
-    order = np.argsort(first_order, kind="stable")
-    n_others = len(columns) - sum(first_order)
-    others, derivatives = ([columns[k] for k in some] for some in (order[:n_others], order[n_others:]))
-    both = Observation.from_columns(robot, others, signals).extend(derivatives, signals)
-    return replace(both, columns=tuple(columns), entry_columns=order[both.entry_columns], parts=None)
+    order = np.argsort(kinds, kind="stable")
+    first, *others = ([columns[k] for k in order if kinds[k] == kind] for kind in np.unique(kinds))
+    whole = Observation.from_columns(robot, first, signals)
+    for same in others:
+        whole = whole.extend(same, signals)
+    return replace(whole, columns=tuple(columns), entry_columns=order[whole.entry_columns], parts=None)
+
+
+def _find_kind(column: Column) -> int:
+    """Return 2 for a first-order effect, 1 for one whose constants are tried as the data are, 0 for all others."""
+    if not column.effect:
+        return 0
+    effect = get_effect(column.effect)
+    depends = effect.proposal != "grid" or any(spec.resolved_by for spec in effect.shapes)
+    return 2 if effect.first_order else int(depends)
 
 
 def _build_matrix(robot: Robot, columns: Sequence[Column]) -> ca.SX:

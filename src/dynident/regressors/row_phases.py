@@ -396,9 +396,13 @@ def remembers_path(observation: Observation, signals: Signals) -> BoolArray:
     """
     has_memory = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     if observation.memory:
-        for k, column in enumerate(observation.columns):
-            for signal in signals.find_memory_signals(column.torque):
-                has_memory[k, list(observation.robot.get_position_movers(signal.joint))] = True
+        entries = [column.torque.nz[:] for column in observation.columns]
+        columns = np.repeat(np.arange(len(entries)), [entry.numel() for entry in entries])
+        states = ca.vertcat(*(signals.memory(signal) for signal in observation.memory))
+        # One pass for all columns: CasADi lists the symbols of each expression as slowly as those of all together.
+        rows, numbers = ca.jacobian_sparsity(ca.vertcat(*entries), states).get_triplet()
+        for k, number in {(columns[row], number) for row, number in zip(rows, numbers, strict=True)}:
+            has_memory[k, list(observation.robot.get_position_movers(observation.memory[number].joint))] = True
     return has_memory
 
 

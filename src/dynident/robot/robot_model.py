@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -211,7 +212,7 @@ class Robot:
         """Number of leading joints that carry no link: all coordinates of the base but its last one."""
         return max(self.n_base - 1, 0)
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the moving joints in the robot's order."""
         return tuple(joint.name for joint in self.joints)

@@ -295,14 +295,12 @@ def _find_slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float
     # Constant, slope and curvature are projected out of residual and waves alike.
     trend = np.linalg.qr(weight[:, None] * np.vander(x, 3))[0]
     y = y - trend @ (trend.T @ y)
-    gains = []
-    for k in waves:
-        angle = k * span * x
-        wave = weight[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        wave = np.linalg.qr(wave - trend @ (trend.T @ wave))[0]
-        gains.append(float(((wave.T @ y) ** 2).sum()))
+    # All waves at once: each of these problems is small.
+    angles = np.multiply.outer(waves, span * x)
+    wave = weight[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    gains = ((y @ np.linalg.qr(wave - trend @ (trend.T @ wave))[0]) ** 2).sum(axis=1)
     best = int(np.argmax(gains))
-    return float(waves[best]), gains[best] / max(float(y @ y), np.finfo(float).tiny)
+    return float(waves[best]), float(gains[best]) / max(float(y @ y), np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,9 @@ _SEED = 43
 _TOGETHER = 8
 
 
-def compute_detection_limits(final: FinalScores, choices: Sequence[EffectChoice]) -> tuple[DetectionLimit, ...]:
+def compute_detection_limits(
+    final: FinalScores, choices: Sequence[EffectChoice], *, only_common: bool = False
+) -> tuple[DetectionLimit, ...]:
     """Compute the detection limit of each effect on each joint, beside the model with everything that was found.
 
     Parameters
@@ -58,6 +60,8 @@ def compute_detection_limits(final: FinalScores, choices: Sequence[EffectChoice]
         All candidates beside that model.
     choices : sequence of EffectChoice
         What the findings have become: for these, and what the data cannot tell from them, there is no limit.
+    only_common : bool
+        Whether effects that arms seldom have are left out: they take most of the time.
 
     Returns
     -------
@@ -69,6 +73,8 @@ def compute_detection_limits(final: FinalScores, choices: Sequence[EffectChoice]
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Candidate]] = {}
     for candidate in pool.initial_candidates:
         if len(candidate.joints) > 1 or candidate.runs or base & set(candidate.columns):
+            continue
+        if only_common and get_effect(candidate.effect).often_missed is None:
             continue
         distance = _compute_distance_from_usual(pool, candidate)
         key = candidate.effect, candidate.joints

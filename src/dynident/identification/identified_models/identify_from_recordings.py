@@ -47,7 +47,7 @@ from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.sample_hashes import SampleHashes, find_copied_recordings
 from dynident.recordings.signal_spectra import estimate_spectra
 from dynident.regressors.dynamic_model_rows import reduce_recordings
-from dynident.regressors.model_structure import build_model
+from dynident.regressors.model_structure import get_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.robot_model import Robot
 
@@ -280,7 +280,7 @@ def prepare_effects(
         )
     # The first model leaves out what it cannot know yet. Its parameters absorb part of that, which is good enough to
     # predict loads and to compare shape constants.
-    first = build_model(robot, plain, tolerance=choices.tolerance)
+    first = get_model(robot, plain, tolerance=choices.tolerance)
     nothing = ReferenceParameters.massless(robot)
     reduction = reduce_recordings(
         first.observation,
@@ -372,7 +372,7 @@ def identify(
     check_shapes_given(choices.effects)
     effects, reference = prepare_effects(robot, choices, ordinary, preprocessing, scale_progress(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
-    model = build_model(robot, choices.effects, tolerance=choices.tolerance)
+    model = get_model(robot, choices.effects, tolerance=choices.tolerance)
     fit_progress = scale_progress(progress, 0.5, 1.0)
     identified = identify_model(model, recordings, validation, choices, preprocessing, reference, fit_progress)
     return complete_identification(robot, recordings, validation, requested, identified, progress)
