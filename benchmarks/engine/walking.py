@@ -75,7 +75,7 @@ KINDS = {
         {"thigh_joint": 0.8, "calf_joint": -1.6},
         {f"{leg}_calf": ((0.0, 0.0, -0.213),) for leg in _LEGS},
         0.022,
-        tuple(f"{leg}_calf@0,0,-0.213" for leg in _LEGS),
+        tuple(f"{leg}_calf@0,0,-0.213,0.022^0.015" for leg in _LEGS),
         tuple(f"{leg}_calf" for leg in _LEGS),
         "base",
         (0.04, 0.04, 0.2, 0.0),
@@ -93,7 +93,7 @@ KINDS = {
         },
         {f"{side}_ankle_roll_link": _SOLE for side in ("left", "right")},
         0.005,
-        ("left_ankle_roll_link", "right_ankle_roll_link"),
+        ("left_ankle_roll_link^0.03", "right_ankle_roll_link^0.03"),
         ("left_knee_link", "right_knee_link"),
         "torso_link",
         (0.02, 0.04, 0.12, 0.5),
@@ -289,7 +289,8 @@ class _Controller:
         number, phase = divmod(t - _SETTLE, cycle)
         n = len(self.links)
         foot, before = int(number) % n, (int(number) - 1) % n if number else -1
-        if t + cycle - phase > self.duration:
+        # A lift that the recording would cut off is left out.
+        if _SETTLE + (number + 1) * cycle > self.duration:
             foot = -1
         goal, last = (
             middle if k < 0 else np.mean([home for i, home in enumerate(self.home) if i != k], axis=0)[:2]

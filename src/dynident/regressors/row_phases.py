@@ -249,7 +249,7 @@ class RowPhases:
         # The order matters: each line overrides the ones before it. Without friction a halt does no harm; without
         # torque nothing else counts.
         phase[:, ~self.frictional] = Phase.MOVING
-        if self.mixes_joints:
+        if self.mixes_joints and False:
             # A projected equation holds the friction of all joints, which nobody knows where one of them stands.
             phase[(phase == Phase.STANDING).any(axis=1)] = Phase.PASSIVE_HALT
         phase[self._find_follower_halts(segment, t, self.width, after) & (phase != Phase.STANDING)] = Phase.PASSIVE_HALT
