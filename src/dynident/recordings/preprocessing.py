@@ -113,8 +113,10 @@ def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float) -> Preprocessing:
     noisiest = min(all_bands, key=lambda bands: bands.noise)
     needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
     # In this order: what the motion needs, but no more than noise allows, except for the least number of harmonics,
-    # and never beyond the Nyquist frequency.
-    cutoff = _round_down(min(needed, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
+    # and never beyond the Nyquist frequency. The pose of a base has far more noise than encoders: of it, the band of
+    # its own motion is enough.
+    least = motion if noisiest.of_base else LEAST_HARMONICS * motion
+    cutoff = _round_down(min(needed, max(noisiest.noise, least), ceiling))
     wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling)
     position = max(cutoff, _round_down(wider))
     first = "Torque" if position > cutoff else "Position"

@@ -152,16 +152,25 @@ def _locate(robot: Robot, contact: Contact, frames: FloatArray) -> FloatArray:
     return np.asarray(frame[:, :3, 3] + frame[:, :3, :3] @ np.array(contact.point or (0.0, 0.0, 0.0)))
 
 
+def compute_contact_heights(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return how high (m, k) each contact is at positions q (m, n), against gravity: its point, or the foot of a ball."""
+    return _compute_heights(robot, joint_frames(robot, q))
+
+
+def _compute_heights(robot: Robot, frames: FloatArray) -> FloatArray:
+    up = _find_upwards(robot)
+    return np.stack([_locate(robot, contact, frames) @ up - contact.radius for contact in robot.contacts], axis=1)
+
+
 def _compute_shares(robot: Robot, frames: FloatArray) -> FloatArray:
     """Return the share (m, k) of each row of J that is eliminated: 1 where a contact may touch, 0 where it is lifted.
 
     From the height on at which a contact touches nothing, the share falls smoothly to 0 at twice that height: a step
     would put the measured torques, projected at measured positions, beside columns that are projected at filtered ones.
     """
-    up = _find_upwards(robot)
-    heights = [_locate(robot, contact, frames) @ up - contact.radius for contact in robot.contacts]
-    lowest, shares = np.min(heights, axis=0), []
-    for contact, height in zip(robot.contacts, heights, strict=True):
+    heights = _compute_heights(robot, frames)
+    lowest, shares = heights.min(axis=1), []
+    for contact, height in zip(robot.contacts, heights.T, strict=True):
         rise = 0.0 if contact.lift is None else np.clip((height - lowest) / contact.lift - 1.0, 0.0, 1.0)
         share = np.broadcast_to(1.0 - rise**2 * (3.0 - 2.0 * rise), lowest.shape)
         shares += [share] * (3 if contact.point is not None else 6)
