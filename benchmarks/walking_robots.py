@@ -93,7 +93,9 @@ def identify(kind: Kind, folder: Path, args: argparse.Namespace) -> tuple[dy.Mod
     return model, files[:2], row
 
 
-def find_load(model: dy.Model, kind: Kind, before: list[Path], folder: Path, number: int, args: argparse.Namespace) -> tuple[bool, float, list[str]]:
+def find_load(
+    model: dy.Model, kind: Kind, before: list[Path], folder: Path, number: int, args: argparse.Namespace
+) -> tuple[bool, float, list[str]]:
     """Return whether a load was named on its link alone, the relative error of m l, and the row of the table."""
     robot = model.robot
     link, mass, place = place_load(kind, args.seed, number)
@@ -113,7 +115,14 @@ def find_load(model: dy.Model, kind: Kind, before: list[Path], folder: Path, num
         values = {value.parameter: value.value for value in (changes[0].main, *changes[0].more)}
         estimate, true_size = changes[0].main.value, mass * float(np.linalg.norm(place))
         error = values["m l"] / true_size - 1.0
-    row = [str(number), link, "; ".join(named) or "nothing", f"{estimate:.3f} kg", f"m l {error:+.1%}", f"{duration:.0f} s"]
+    row = [
+        str(number),
+        link,
+        "; ".join(named) or "nothing",
+        f"{estimate:.3f} kg",
+        f"m l {error:+.1%}",
+        f"{duration:.0f} s",
+    ]
     print("  ".join(row), flush=True)
     return right, error, row
 

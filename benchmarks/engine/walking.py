@@ -322,7 +322,11 @@ class _Controller:
         add(jacobian[:2], 60.0 * error + 15.0 * (wanted[1] - jacobian[:2] @ data.qvel) + wanted[2], 3.0)
         row = np.zeros((1, nv))
         row[0, 2] = 1.0
-        add(row, np.array([100 * (self.height + sway[0, 2] - data.qpos[2]) + 20 * (sway[1, 2] - data.qvel[2]) + sway[2, 2]]), 3.0)
+        add(
+            row,
+            np.array([100 * (self.height + sway[0, 2] - data.qpos[2]) + 20 * (sway[1, 2] - data.qvel[2]) + sway[2, 2]]),
+            3.0,
+        )
         goal, error3 = np.empty(4), np.empty(3)
         mujoco.mju_euler2Quat(goal, np.ascontiguousarray(sway[0, 3:]), "XYZ")
         mujoco.mju_subQuat(error3, goal, data.qpos[3:7])
@@ -415,7 +419,12 @@ def record_walk(
     return _measure(walker, rows, np.random.default_rng([seed, 7]), instruments)
 
 
-def _measure(walker: Walker, rows: list[tuple[float, FloatArray, FloatArray, list[bool]]], rng: np.random.Generator, tools: Instruments) -> Log:
+def _measure(
+    walker: Walker,
+    rows: list[tuple[float, FloatArray, FloatArray, list[bool]]],
+    rng: np.random.Generator,
+    tools: Instruments,
+) -> Log:
     t, states, torques, touching = (np.array(column) for column in zip(*rows, strict=True))
     position = states[:, :3] + tools.position * rng.standard_normal((len(t), 3))
     quaternion = np.empty((len(t), 4))

@@ -121,14 +121,16 @@ def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float) -> Preprocessing:
     position = max(cutoff, _round_down(wider))
     first = "Torque" if position > cutoff else "Position"
     of_base = " of the base" if noisiest.of_base else ""
-    because = f"{first} cut-off {cutoff:g} Hz: the motion{of_base} lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    because = (
+        f"{first} cut-off {cutoff:g} Hz: the motion{of_base} lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    )
     if needed <= min(noisiest.noise, ceiling):
         because += f"; {HARMONICS:g} times this frequency keeps products of velocities and the steps of friction."
     elif noisiest.noise < ceiling:
         unit = "m or rad" if noisiest.of_base else "rad"
         because += (
-            f"; above {noisiest.noise:.2g} Hz the position noise of {noisiest.noise_rms:.2g} {unit} rms, differentiated "
-            "twice, would exceed 5 % of the acceleration."
+            f"; above {noisiest.noise:.2g} Hz the position noise of {noisiest.noise_rms:.2g} {unit} rms, "
+            "differentiated twice, would exceed 5 % of the acceleration."
         )
     else:
         because += f"; the sampling rate of {rate:.4g} Hz has no useful signal above {ceiling:.3g} Hz."

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.joint import Contact
@@ -153,7 +153,7 @@ def _locate(robot: Robot, contact: Contact, frames: FloatArray) -> FloatArray:
 
 
 def compute_contact_heights(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return how high (m, k) each contact is at positions q (m, n), against gravity: its point, or the foot of a ball."""
+    """Return how high (m, k) each contact is at positions q (m, n): its point, or the lowest one of a ball."""
     return _compute_heights(robot, joint_frames(robot, q))
 
 
@@ -175,6 +175,14 @@ def _compute_shares(robot: Robot, frames: FloatArray) -> FloatArray:
         share = np.broadcast_to(1.0 - rise**2 * (3.0 - 2.0 * rise), lowest.shape)
         shares += [share] * (3 if contact.point is not None else 6)
     return np.stack(shares, axis=1)
+
+
+def find_mixed_joints(robot: Robot) -> BoolArray:
+    """Return which driven joints (n,) move a contact: the projection mixes their equations, and no others."""
+    if robot.linkage is not None:
+        return np.ones(robot.n, dtype=bool)
+    moved = {index for contact in robot.contacts for index in robot.tree.list_ancestors(_find_link(robot, contact))}
+    return np.isin(np.arange(robot.n), sorted(moved))
 
 
 def compute_contact_projection(robot: Robot, q: FloatArray) -> FloatArray:
