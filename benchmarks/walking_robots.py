@@ -1,6 +1,6 @@
 """Robots on their feet, in MuJoCo: what is identified while nobody measures the forces of the ground.
 
-    python benchmarks/walking_robots.py [--robots quadruped,humanoid] [--seed 1] [--draws 10] [--duration 15]
+    python benchmarks/walking_robots.py [--robots quadruped,humanoid] [--seed 1] [--draws 10]
 
 A quadruped (Go2, 12 joints) and a humanoid (G1, 29 joints) sway on their feet, and lift them one after the other
 (`engine/walking.py`). The program gets the maker's description, whose masses, centres and inertias are some 15 % off
@@ -11,7 +11,8 @@ and torques with noise of 1 %. It identifies the robot from recordings of both k
 to these recordings themselves, of all equations together, and of the worst one.
 
 Then 0.5 kg are fixed to a shank or to the trunk, in turn, at a drawn place, and `changes` compares recordings before
-and after. `right`: an added mass is named on that link and nothing else; `m l`: its first moment about the frame of the link, within 10 %.
+and after. `right`: an added mass is named on that link and nothing else; `m l`: its first moment about the frame of
+the link, within 10 %.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A recording: t (m,), pose of the base (m, 7: position, quaternion x y z w), q and tau (m, n), which feet touch."""
+    """A recording: t (m,), pose of the base (m, 7: position, quaternion x y z w), q and tau (m, n), feet that touch."""
 
     t: FloatArray
     pose: FloatArray
@@ -379,7 +379,7 @@ class _Controller:
 
 @dataclass(frozen=True)
 class Instruments:
-    """Standard deviations of noise: base position (m) and turn (rad), joints (rad), torques as a share of their spread."""
+    """Standard deviations of noise: position (m) and turn (rad) of the base, joints (rad), share of a torque's own."""
 
     position: float = 3e-4
     turn: float = 5e-4
