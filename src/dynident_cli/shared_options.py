@@ -112,7 +112,8 @@ class RobotAdditions:
         typer.Option(
             "--contacts",
             metavar="LINK,…",
-            help="Feet of a floating robot whose forces were not measured; they are eliminated from the equations.",
+            help="Feet of a floating robot whose forces were not measured; they are eliminated from the equations. A "
+            "link, a point or a ball (calf@0,0,-0.21,0.02); behind ^ the height (m) from which a lifted foot is free.",
         ),
     ] = ""
     has: Annotated[str, typer.Option("--has", metavar="PART,…", help=f"Parts of the robot: {', '.join(HARDWARE)}.")] = (

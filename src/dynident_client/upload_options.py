@@ -138,7 +138,9 @@ class RobotOptions(TypedDict, total=False):
     base_parameters_tolerance: float | None
     """Share of a column that other columns may leave unexplained."""
     contacts: Sequence[str]
-    """Feet of a floating robot whose forces were not measured: left_foot, or a point, calf@0,0,-0.21"""
+    """Feet of a floating robot whose forces were not measured: left_foot, a point, calf@0,0,-0.21, or a ball around it,
+    calf@0,0,-0.21,0.02; ^0.03 behind it: on level ground nothing acts on it where it is so far (m) above the lowest
+    foot"""
     drives: Mapping[str, Drive]
     """By joint"""
     gravity: tuple[float, float, float] | None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from support.vendor_logs import Signals
 import dynident as dy
 from dynident.array_types import FloatArray
 from dynident.export import export_model
+from dynident.identification import identify_gains
+from dynident.presentation.model_tables import get_gain_unit
 from dynident.recordings import RecordingMetadata
 from dynident.validation import ValidationOutcome
 from dynident.verdict import Outcome
@@ -157,3 +160,14 @@ def test_the_command_line_asks_identifies_and_refuses_a_diagnosis(tmp_path, logs
     refused = dynident("diagnose", tmp_path / "arm.npz", logs[0], "--as-proposed")
     assert refused.code != 0
     assert "no torque was recorded" in refused.err
+
+
+def test_gains_of_servos_are_per_radian(arm: dy.Robot, logs: list[Path]) -> None:
+    plain, heavy = (
+        dy.read_recordings(log, robot=arm, drive_gains=[GAIN] * 6, metadata=COMMANDS).recordings[0] for log in logs
+    )
+    of_servos = identify_gains(arm, [plain], [replace(heavy, payload={"mass": 0.1})])
+    assert of_servos.from_commands
+    machine = replace(arm, drives=tuple(dy.Drive(drive_gain=GAIN) for _ in range(arm.n)))
+    assert get_gain_unit(machine, 0, of_servos.from_commands) == "N m/rad"
+    assert get_gain_unit(machine, 0) == "N m/A"

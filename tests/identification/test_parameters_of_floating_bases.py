@@ -116,6 +116,42 @@ def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
         dy.identify(robot, recordings[:2], choices=dy.IdentificationChoices(model="power"))
 
 
+def test_a_joint_that_stands_takes_no_rows_of_the_others_away(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin"])
+    files = []
+    for joint in range(3):
+        motion = draw_motion(10 + joint)
+        motion.q[:, 7 + joint] = 0.3
+        motion.v[:, 6 + joint] = motion.a[:, 6 + joint] = 0.0
+        torque, _ = stand_on_shin(motion)
+        files.append(write_log(tmp_path / f"one_stands{joint}.csv", motion, torque, noise=0.01, seed=joint))
+    # There is no instant at which all joints move.
+    model = dy.identify(robot, dy.read_recordings(*files, robot=robot))
+    values = {row.name: row.value for row in model.parameters}
+    assert values["M6"] == pytest.approx(MASS - 1.2, rel=0.01)
+    for k in range(3):
+        assert values[f"Fc{7 + k}"] == pytest.approx(COULOMB[k], rel=0.05)
+
+
+def test_a_mass_that_was_added_to_the_trunk_is_found_there(robot: Robot, tmp_path: Path) -> None:
+    place, files = np.array([0.1, -0.05, 0.15]), []
+    for k, added in enumerate((0.0, 0.5)):
+        motion, model = draw_motion(21 + k), build_model()
+        model.inertias[1] = model.inertias[1] + pin.Inertia(added, place, np.zeros((3, 3)))
+        data = model.createData()
+        total = np.array([pin.rnea(model, data, *state) for state in zip(motion.q, motion.v, motion.a, strict=True)])
+        friction = COULOMB * np.sign(motion.v[:, 6:]) + VISCOUS * motion.v[:, 6:] + ROTOR * motion.a[:, 6:]
+        log = tmp_path / f"added{k}.csv"
+        files.append(write_log(log, motion, total[:, 6:] + friction, {"base": total[:, :6]}, noise=0.01, seed=k))
+    before, after = dy.read_recordings(*files, robot=robot)[:1], dy.read_recordings(*files, robot=robot)[1:]
+    (change,) = dy.changes(dy.identify(robot, before), before=before, after=after)
+    assert (change.choice.effect, change.choice.joints) == ("payload", ("base_roll",))
+    values = {value.parameter: value.value for value in (change.main, *change.more)}
+    assert values["Mp6"] == pytest.approx(0.5, rel=0.02)
+    assert values["m l"] == pytest.approx(0.5 * float(np.linalg.norm(place)), rel=0.05)
+
+
 def test_equation_types_that_a_moving_base_has_not_are_refused(robot: Robot, tmp_path: Path) -> None:
     recordings = dy.read_recordings(*write_runs(tmp_path, "harness", (1,)), robot=robot)
     with pytest.raises(DynidentError, match="walker has a floating base"):

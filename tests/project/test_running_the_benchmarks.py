@@ -53,6 +53,7 @@ SMALL = {
     "rows_or_products": "--candidates 10",
     "smallest_gain": "--cases 1 --processes 1",
     "standing_rows": "--arms ur10 --rates 60",
+    "walking_robots": "--robots quadruped --draws 0 --duration 10",
 }
 """Arguments with which a script takes seconds."""
 WITH_RECORDINGS = {

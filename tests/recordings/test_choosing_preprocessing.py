@@ -55,6 +55,23 @@ def test_the_noise_that_is_left_in_the_acceleration_is_a_few_percent():
     assert left < 0.15 * np.median(own)
 
 
+def test_noise_of_the_pose_of_a_base_narrows_the_filter_of_all():
+    rng, t = np.random.default_rng(0), np.arange(6000) / 200.0
+    names = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll", *(f"joint{k}" for k in range(12)))
+    q = np.stack([0.3 * np.sin(2 * np.pi * rng.uniform(0.3, 1.2) * t + k) for k in range(18)], axis=1)
+    q[:, :6] *= 0.1
+
+    def choose(noise_of_base: float) -> Preprocessing:
+        noisy = q + rng.normal(size=q.shape) * np.where(np.arange(18) < 6, noise_of_base, 1e-5)
+        return choose_preprocessing([recording_from_arrays(t, noisy, np.zeros_like(q), joint_names=names)])
+
+    # Twelve encoders without noise do not outvote the six coordinates of the base.
+    clean, noisy = choose(1e-6), choose(5e-4)
+    assert noisy.position_cutoff < 0.4 * clean.position_cutoff
+    assert "motion of the base" in noisy.reasons[0]
+    assert "m or rad rms" in noisy.reasons[0]
+
+
 def test_rows_are_decimated_to_at_least_four_times_the_cutoff():
     choice = choose_preprocessing([recorded()])
     assert 4.0 <= 200.0 / choice.decimation / choice.torque_cutoff < 6.0

@@ -15,7 +15,12 @@ import dynident as dy
 from dynident.errors import DynidentError
 from dynident.recordings.base_motion import compute_base_angles
 from dynident.robot import Description, robot_from_description
-from dynident.robot.contacts import compute_contact_jacobian, compute_contact_projection, parse_contact
+from dynident.robot.contacts import (
+    compute_contact_heights,
+    compute_contact_jacobian,
+    compute_contact_projection,
+    parse_contact,
+)
 from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
 from dynident.robot.joint import Contact
 
@@ -55,6 +60,49 @@ def test_contacts_are_named_in_text_and_kept_with_the_robot(tmp_path: Path) -> N
         dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["foot"])
     with pytest.raises(DynidentError, match="floating base, but walker has a fixed one"):
         dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), contacts=["shin"])
-    for wrong in ("shin@0,0", "shin@0,0,nan", "shin@inf,0,0", "shin@1e300,0,0"):
-        with pytest.raises(DynidentError, match="names no point; write three numbers"):
+    wrong_points = ("shin@0,0", "shin@", "shin@0,0,nan", "shin@inf,0,0", "shin@1e300,0,0", "shin@0,0,0,-1")
+    for wrong in (*wrong_points, "shin^", "shin^0", "shin^nan", "shin@0,0,0^x"):
+        with pytest.raises(DynidentError, match="cannot be read; write a link, its point as three numbers"):
             parse_contact(wrong)
+    for text in ("shin", "shin@0.0,0.0,-0.4", "shin@0.0,0.0,-0.4,0.02", "shin^0.03", "shin@0.0,0.0,-0.4,0.02^0.03"):
+        assert str(parse_contact(text)) == text
+
+
+def test_the_force_on_a_ball_acts_where_it_touches_the_ground() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    robot = replace(floating, contacts=(Contact("shin", (0.0, 0.02, -0.4), radius=0.03),))
+    model, motion = build_model(), draw_motion(3, 0.5, 50.0)
+    sole = model.addFrame(
+        pin.Frame("sole", model.getJointId("knee"), 0, pin.SE3(np.eye(3), np.array([0, 0.02, -0.4])), pin.OP_FRAME)
+    )
+    data = model.createData()
+    q = np.hstack([motion.q[:, :3], compute_base_angles(motion.q[:, 3:7]), motion.q[:, 7:]])
+    jacobian = compute_contact_jacobian(robot, q)
+    for k in range(len(q)):
+        theirs = pin.computeFrameJacobian(model, data, motion.q[k], sole, pin.LOCAL_WORLD_ALIGNED)[:, 6:]
+        below = np.cross(theirs[3:], np.array([0.0, 0.0, -0.03]), axis=0)
+        np.testing.assert_allclose(jacobian[k, :, 6:], theirs[:3] + below, atol=1e-10)
+
+
+def test_a_lifted_foot_is_not_eliminated_and_forces_on_the_other_are() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    feet = (Contact("shin", (0.0, 0.0, -0.4), lift=0.05), Contact("arm", (0.3, 0.0, 0.0), lift=0.05))
+    robot, shin = replace(floating, contacts=feet), replace(floating, contacts=feet[:1])
+    both = replace(floating, contacts=tuple(replace(foot, lift=None) for foot in feet))
+    # The shoulder turns about x, so that the end of the arm rises above the foot of the shin with the roll of the base.
+    q = np.zeros((40001, robot.n))
+    q[:, 5] = np.linspace(-np.pi, np.pi, 40001)
+    projection = compute_contact_projection(robot, q)
+    alone = compute_contact_projection(shin, q)
+    together = compute_contact_projection(both, q)
+    is_alone = np.abs(projection - alone).max(axis=(1, 2)) < 1e-9
+    are_both = np.abs(projection - together).max(axis=(1, 2)) < 1e-9
+    assert is_alone.any()
+    assert are_both.any()
+    # Wherever the shin is the lower foot, no force on it is left, however far the arm is lifted.
+    forces = np.swapaxes(compute_contact_jacobian(shin, q), 1, 2)
+    is_lower = compute_contact_heights(shin, q)[:, 0] <= compute_contact_heights(robot, q)[:, 1]
+    np.testing.assert_allclose((projection @ forces)[is_lower], 0.0, atol=1e-9)
+    # Between the two it changes smoothly: measured positions and filtered ones give nearly the same.
+    steps = np.abs(np.diff(projection, axis=0)).max(axis=(1, 2))
+    assert steps.max() < 0.03

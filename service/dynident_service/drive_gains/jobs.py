@@ -124,7 +124,8 @@ def describe_gains(
 ) -> DriveGainsResult:
     """Build the view of drive gains, and of loads weighed with them (id and name of the measurement, estimate)."""
     gains = [
-        to_view(IdentifiedGain, gain, unit=get_gain_unit(robot, index)) for index, gain in enumerate(drive_gains.each)
+        to_view(IdentifiedGain, gain, unit=get_gain_unit(robot, index, drive_gains.from_commands))
+        for index, gain in enumerate(drive_gains.each)
     ]
     weighed = [
         to_view(WeighedLoad, load, measurement_id=measurement_id, name=name) for measurement_id, name, load in loads

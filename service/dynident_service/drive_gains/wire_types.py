@@ -100,7 +100,10 @@ class IdentifiedGain(DriveGainView):
 
     stated: float = Field(description="Gain of the robot; 1 if it states none")
     standard_deviation: float | None
-    unit: str = Field(description="N m/A or N/A; - if the robot states no gain: a factor on the recorded torque")
+    unit: str = Field(
+        description="N m/A or N/A; N m/rad or N/m of position servos; - if the robot states no gain: a factor on the "
+        "recorded torque"
+    )
 
 
 class WeighedLoad(ViewModel):

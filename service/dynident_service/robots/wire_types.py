@@ -150,7 +150,9 @@ class RobotRequest(RequestModel):
     contacts: list[str] = Field(
         default=[],
         max_length=20,
-        description="Feet of a floating robot whose forces were not measured: left_foot, or a point, calf@0,0,-0.21",
+        description="Feet of a floating robot whose forces were not measured: left_foot, a point, calf@0,0,-0.21, or a "
+        "ball around it, calf@0,0,-0.21,0.02; ^0.03 behind it: on level ground nothing acts on it where it is so far "
+        "(m) above the lowest foot",
     )
     meshes_of: str | None = Field(
         default=None,

@@ -468,9 +468,11 @@ def _make_estimate_cells(value: float, ends: Interval) -> tuple[Cell, Cell]:
     return Cell(texts[0], value), Cell(texts[1], half)
 
 
-def get_gain_unit(robot: Robot, index: int) -> str:
-    """Return the unit of a joint's drive gain; - for a factor."""
+def get_gain_unit(robot: Robot, index: int, from_commands: bool = False) -> str:
+    """Return the unit of a joint's drive gain, or of its servo's, whose torque is made of commands; - for a factor."""
     # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
     if robot.drives[index].gain is None:
         return "-"
-    return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"
+    if robot.joints[index].kind == "revolute":
+        return "N m/rad" if from_commands else "N m/A"
+    return "N/m" if from_commands else "N/A"

@@ -34,6 +34,7 @@ _MIXED = 1e-9
 _ANGLES = ("base_yaw", "base_pitch", "base_roll")
 POSITION = ("base_x", "base_y", "base_z")
 QUATERNION = ("base_qx", "base_qy", "base_qz", "base_qw")
+BASE_COORDINATES = (*POSITION, *_ANGLES)
 _BODIES = ("base", "root", "pelvis", "trunk", "torso", "body", "floating", "odom", "odometry", "mocap", "imu")
 """Words by which loggers call the base, the most usual first."""
 _NO_POSE = frozenset(

@@ -13,7 +13,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy import special
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.base_motion import BASE_COORDINATES
 from dynident.recordings.pose_recordings import has_poses
 from dynident.recordings.recording import Recording
 from dynident.recordings.recording_metadata import Filters, RecordingError
@@ -66,6 +67,7 @@ class _Bands:
     noise_rms: float
     little_noise: float
     """Up to here noise is a small share yet."""
+    of_base: bool = False
 
 
 def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
@@ -75,7 +77,8 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
     (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
     explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
-    are decimated to no less than 4 times the torque cut-off.
+    are decimated to no less than 4 times the torque cut-off. For a base that moves the same is chosen from its own
+    coordinates, and the lower cut-off counts.
 
     Parameters
     ----------
@@ -96,24 +99,38 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         raise ValueError("give recordings: the filters are chosen from them")
     if all(has_poses(recording) for recording in recordings):
         return Preprocessing(None, None, 1, reasons=("The recordings are poses at rest: no filter is used.",))
-    all_bands = [_load_bands(recording) for recording in recordings]
     rate = min(recording.sampling_rate for recording in recordings)
+    all_bands = [bands for recording in recordings for bands in _load_bands(recording)]
+    groups = [[bands for bands in all_bands if bands.of_base == of_base] for of_base in (False, True)]
+    # The noise of a base that moves is in the equations of all joints, times the mass of the robot.
+    choices = [_choose_cutoffs(group, rate) for group in groups if group]
+    return min(choices, key=lambda choice: choice.torque_cutoff or 0.0)
+
+
+def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float) -> Preprocessing:
+    """Choose the filters for the bands of several recordings, of their joints or of the base."""
     motion = max(bands.motion for bands in all_bands)
     noisiest = min(all_bands, key=lambda bands: bands.noise)
     needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
     # In this order: what the motion needs, but no more than noise allows, except for the least number of harmonics,
-    # and never beyond the Nyquist frequency.
-    cutoff = _round_down(min(needed, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
+    # and never beyond the Nyquist frequency. The pose of a base has far more noise than encoders: of it, the band of
+    # its own motion is enough.
+    least = motion if noisiest.of_base else LEAST_HARMONICS * motion
+    cutoff = _round_down(min(needed, max(noisiest.noise, least), ceiling))
     wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling)
     position = max(cutoff, _round_down(wider))
     first = "Torque" if position > cutoff else "Position"
-    because = f"{first} cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    of_base = " of the base" if noisiest.of_base else ""
+    because = (
+        f"{first} cut-off {cutoff:g} Hz: the motion{of_base} lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    )
     if needed <= min(noisiest.noise, ceiling):
         because += f"; {HARMONICS:g} times this frequency keeps products of velocities and the steps of friction."
     elif noisiest.noise < ceiling:
+        unit = "m or rad" if noisiest.of_base else "rad"
         because += (
-            f"; above {noisiest.noise:.2g} Hz the position noise of {noisiest.noise_rms:.2g} rad rms, differentiated "
-            "twice, would exceed 5 % of the acceleration."
+            f"; above {noisiest.noise:.2g} Hz the position noise of {noisiest.noise_rms:.2g} {unit} rms, "
+            "differentiated twice, would exceed 5 % of the acceleration."
         )
     else:
         because += f"; the sampling rate of {rate:.4g} Hz has no useful signal above {ceiling:.3g} Hz."
@@ -139,7 +156,7 @@ def find_motion_band(recordings: Sequence[Recording]) -> float:
     DynidentError
         If a recording is too short to have a spectrum.
     """
-    return max(_load_bands(recording).motion for recording in recordings)
+    return max(bands.motion for recording in recordings for bands in _load_bands(recording))
 
 
 def preprocessing_from_request(
@@ -230,17 +247,34 @@ def _explain_torque_cutoff(cutoff: float | None) -> str:
     return f"Torque cut-off {cutoff:g} Hz, the same as for the positions: they cannot explain torque above it."
 
 
-_known: WeakKeyDictionary[Recording, _Bands] = WeakKeyDictionary()
+_known: WeakKeyDictionary[Recording, list[_Bands]] = WeakKeyDictionary()
 
 
-def _load_bands(recording: Recording) -> _Bands:
-    """Return the bands of a recording, computed once: its spectra take as long as reading it."""
+def _load_bands(recording: Recording) -> list[_Bands]:
+    """Return the bands of a recording's joints, and those of a base that moves, computed once.
+
+    Its spectra take as long as reading it.
+    """
     if recording not in _known:
-        _known[recording] = _find_bands(estimate_spectra(recording))
+        averages = estimate_spectra(recording)
+        is_base = np.isin(recording.joint_names, BASE_COORDINATES)
+        bands = [_find_bands(averages, group, of_base) for group, of_base in ((~is_base, False), (is_base, True))]
+        _known[recording] = [own for own in bands if own is not None]
+        if not _known[recording]:
+            raise RecordingError(
+                "No joint moves in the windows of the recording, so the filters cannot be chosen. Choose windows with "
+                "motion, or give the cut-off frequencies.",
+                pointer="/preprocessing",
+                title="No motion",
+            )
     return _known[recording]
 
 
-def _find_bands(averages: Spectra) -> _Bands:
+def _find_bands(averages: Spectra, group: BoolArray, of_base: bool) -> _Bands | None:
+    """Return the bands of a group of joints (n,), or None where none of them moves."""
+    if not group.any():
+        return None
+    averages = replace(averages, velocity=averages.velocity[:, group], noise=averages.noise[group])
     step = averages.frequency[1]
     gain = averages.velocity_gain[:, None]
     noise = averages.noise * gain
@@ -272,15 +306,10 @@ def _find_bands(averages: Spectra) -> _Bands:
             limits.append(averages.frequency[min(int(np.searchsorted(spoiled, share**2 * own)), len(gain) - 1)])
     rms = np.sqrt(averages.noise[moving] * 0.5 * averages.rate)
     if not motion:
-        raise RecordingError(
-            "No joint moves in the windows of the recording, so the filters cannot be chosen. Choose windows with "
-            "motion, or give the cut-off frequencies.",
-            pointer="/preprocessing",
-            title="No motion",
-        )
+        return None
     # The median over the joints: one joint that vibrates, or one coarse encoder, does not decide for all.
     band, noise_at, little_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit, little))
-    return _Bands(band, noise_at, float(np.median(rms)), little_at)
+    return _Bands(band, noise_at, float(np.median(rms)), little_at, of_base)
 
 
 def _find_band_end(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:

@@ -14,7 +14,7 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals, get_effect
 from dynident.expressions import Program
 from dynident.recordings import Preprocessing, Recording
-from dynident.robot.contacts import compute_contact_projection
+from dynident.robot.contacts import compute_contact_projection, find_mixed_joints
 from dynident.robot.robot_model import Robot
 
 
@@ -115,7 +115,9 @@ class ConcatenatedPrograms:
 
 
 class ProjectedProgram:
-    """A program of W whose rows are projected so that contact forces do not appear in them: P(q) W, all of its entries.
+    """A program of W whose rows are projected so that contact forces do not appear in them: the entries of P(q) W.
+
+    P mixes the equations of the joints that move a contact, and leaves those of the others as they are.
 
     Parameters
     ----------
@@ -132,28 +134,52 @@ class ProjectedProgram:
     def __init__(
         self, program: AnyProgram, robot: Robot, places: tuple[IndexArray, IndexArray], n_columns: int
     ) -> None:
-        self._program, self._robot, self._places = program, robot, places
-        self._shape = robot.n, n_columns
+        self._program, self._robot = program, robot
+        is_mixed = find_mixed_joints(robot)
+        filled = np.zeros((robot.n, n_columns), dtype=bool)
+        filled[places] = True
+        columns = np.flatnonzero(filled[is_mixed].any(axis=0))
+        filled[np.ix_(is_mixed, columns)] = True
+        rows, cols = np.nonzero(filled)
+        self.places: tuple[IndexArray, IndexArray] = (rows, cols)
         self.widths: tuple[int, ...] = tuple(program.widths)
-        self.n_outputs: int = robot.n * n_columns
+        self.n_outputs: int = len(rows)
+        self._mixed = np.flatnonzero(is_mixed)
+        # Where entries of the program go in the mixed block, and where this and the other entries go in the answer.
+        own = is_mixed[places[0]]
+        self._from_program, self._others = np.flatnonzero(own), np.flatnonzero(~own)
+        block_row, block_column = np.cumsum(is_mixed) - 1, np.searchsorted(columns, places[1][own])
+        self._into_block = block_row[places[0][own]], block_column
+        self._block_shape = len(self._mixed), len(columns)
+        number = np.full(filled.shape, -1, dtype=np.intp)
+        number[rows, cols] = np.arange(len(rows))
+        self._block_places = number[np.ix_(is_mixed, columns)].reshape(-1)
+        self._other_places = number[places[0][~own], places[1][~own]]
 
     @property
     def n_instructions(self) -> int:
         """Number of operations a sample."""
-        return self._program.n_instructions + self._robot.n * self.n_outputs
+        return self._program.n_instructions + len(self._mixed) * len(self._block_places)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate on samples, as a `Program` does."""
         entries = self._program(*inputs)
-        whole = np.zeros((len(entries), *self._shape))
-        whole[:, self._places[0], self._places[1]] = entries
-        q = np.broadcast_to(inputs[0], (len(entries), self._robot.n))
-        projected = (compute_contact_projection(self._robot, q) @ whole).reshape(len(entries), -1)
         if out is None:
-            return np.asarray(projected)
-        out[:] = projected
+            out = np.empty((len(entries), self.n_outputs))
+        q = np.broadcast_to(inputs[0], (len(entries), self._robot.n))
+        # In steps, so that what is in between needs little memory.
+        for first in range(0, len(entries), _PROJECTED_AT_ONCE):
+            part = slice(first, first + _PROJECTED_AT_ONCE)
+            projection = compute_contact_projection(self._robot, q[part])[:, self._mixed][:, :, self._mixed]
+            block = np.zeros((len(projection), *self._block_shape))
+            block[:, self._into_block[0], self._into_block[1]] = entries[part][:, self._from_program]
+            out[part, self._block_places] = (projection @ block).reshape(len(block), -1)
+            out[part, self._other_places] = entries[part][:, self._others]
         return out
 
+
+_PROJECTED_AT_ONCE = 256
+"""Samples."""
 
 # Places of these inputs in a program.
 _MEMORY, _RUNS = 8, 9
@@ -217,8 +243,7 @@ class Observation:
         if not robot.contacts or not columns:
             return sparse
         program = ProjectedProgram(sparse.program, robot, (sparse.entry_rows, sparse.entry_columns), len(columns))
-        rows, cols = np.indices((robot.n, len(columns))).reshape(2, -1)
-        return replace(sparse, entry_rows=rows, entry_columns=cols, program=program)
+        return replace(sparse, entry_rows=program.places[0], entry_columns=program.places[1], program=program)
 
     @classmethod
     def from_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:

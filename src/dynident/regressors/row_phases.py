@@ -76,8 +76,6 @@ class RowPhases:
         Phases of the joints that follow others, in the order of `Linkage.passive`.
     felt : (n, p), optional
         Which of the passive joints have friction, and which joint moves them.
-    mixes_joints : bool
-        Whether each equation is one of all joints, since contact forces are eliminated from them.
     """
 
     phases: Phases
@@ -91,7 +89,6 @@ class RowPhases:
     no_torque: BoolArray
     passive: Phases | None = None
     felt: BoolArray | None = None
-    mixes_joints: bool = False
 
     @classmethod
     def from_recording(
@@ -144,7 +141,6 @@ class RowPhases:
             no_torque,
             passive,
             felt,
-            bool(observation.robot.contacts),
         )
 
     def with_friction_of(self, frictional: BoolArray) -> RowPhases:
@@ -249,9 +245,6 @@ class RowPhases:
         # The order matters: each line overrides the ones before it. Without friction a halt does no harm; without
         # torque nothing else counts.
         phase[:, ~self.frictional] = Phase.MOVING
-        if self.mixes_joints:
-            # A projected equation holds the friction of all joints, which nobody knows where one of them stands.
-            phase[(phase == Phase.STANDING).any(axis=1)] = Phase.PASSIVE_HALT
         phase[self._find_follower_halts(segment, t, self.width, after) & (phase != Phase.STANDING)] = Phase.PASSIVE_HALT
         phase[:, self.no_torque] = Phase.NO_TORQUE
         return phase

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.joint import Contact
@@ -25,28 +25,40 @@ _RANK = 1e-8
 
 
 def parse_contact(text: str) -> Contact:
-    """Return the contact that a text names: `left_foot` for a sole, `calf@0,0,-0.21` for a point of a link (m).
+    """Return the contact that a text names.
+
+    Parameters
+    ----------
+    text : str
+        `left_foot` for a sole, `calf@0,0,-0.21` for a point of a link (m), `calf@0,0,-0.21,0.02` for a ball of 0.02 m
+        around it; `^0.03` behind it for a contact that touches nothing where it is 0.03 m above the lowest one.
 
     Raises
     ------
     DynidentError
-        For a point that is not three numbers, or farther away than 10 km.
+        For a point that is not three numbers, or four, or farther away than 10 km, and for a height that is no number
+        above zero.
     """
-    link, sign, place = text.partition("@")
-    if not sign:
-        return Contact(text.strip())
+    rest, has_lift, height = text.partition("^")
+    link, has_place, place = rest.partition("@")
     try:
-        x, y, z = (float(number) for number in place.split(","))
+        lift = float(height) if has_lift else None
+        numbers = [float(number) for number in place.split(",")] if has_place else []
         # Python reads "nan" and "inf" as numbers, too.
-        if not all(abs(value) <= _FARTHEST for value in (x, y, z)):
+        if not all(abs(number) <= _FARTHEST for number in numbers) or len(numbers) not in (0, 3, 4):
             raise ValueError(place)
+        if not all(0.0 < size <= _FARTHEST for size in (*numbers[3:], *([] if lift is None else [lift]))):
+            raise ValueError(text)
     except ValueError:
         raise DynidentError(
-            f"The contact {text!r} names no point; write three numbers in m behind the @: calf@0,0,-0.21.",
+            f"The contact {text!r} cannot be read; write a link, its point as three numbers in m behind an @ (a fourth "
+            "is the radius of a ball), and the height in m above the lowest contact from which on it touches nothing "
+            "behind a ^: foot, calf@0,0,-0.21 or calf@0,0,-0.21,0.02^0.03.",
             pointer="/contacts",
             title=_TITLE,
         ) from None
-    return Contact(link.strip(), (x, y, z))
+    point = (numbers[0], numbers[1], numbers[2]) if numbers else None
+    return Contact(link.strip(), point, numbers[3] if len(numbers) == 4 else 0.0, lift)
 
 
 def read_contacts(robot: Robot, texts: Sequence[str]) -> tuple[Contact, ...]:
@@ -106,13 +118,15 @@ def compute_contact_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     ndarray (m, k, n)
         Along the axes of the world: three rows for a point, and three more, of the angular velocity, for a sole.
     """
-    frames, tree = joint_frames(robot, q), robot.tree
-    blocks = []
+    return _compute_jacobian(robot, q, joint_frames(robot, q))
+
+
+def _compute_jacobian(robot: Robot, q: FloatArray, frames: FloatArray) -> FloatArray:
+    tree, blocks = robot.tree, []
     for contact in robot.contacts:
         link = _find_link(robot, contact)
-        place = frames[:, link, :3, 3]
-        if contact.point is not None:
-            place = place + frames[:, link, :3, :3] @ np.array(contact.point)
+        # The force acts on the part of a ball that touches the ground.
+        place = _locate(robot, contact, frames) - contact.radius * _find_upwards(robot)
         linear, angular = np.zeros((2, len(q), 3, tree.n))
         for index in tree.list_ancestors(link):
             joint = tree.joints[index]
@@ -127,8 +141,56 @@ def compute_contact_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     return jacobian if robot.linkage is None else jacobian @ robot.linkage.compute_jacobian(q)
 
 
+def _find_upwards(robot: Robot) -> FloatArray:
+    size = float(np.linalg.norm(robot.gravity))
+    return -robot.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def _locate(robot: Robot, contact: Contact, frames: FloatArray) -> FloatArray:
+    """Return the point (m, 3) of a contact in the world: the centre of a ball."""
+    frame = frames[:, _find_link(robot, contact)]
+    return np.asarray(frame[:, :3, 3] + frame[:, :3, :3] @ np.array(contact.point or (0.0, 0.0, 0.0)))
+
+
+def compute_contact_heights(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return how high (m, k) each contact is at positions q (m, n): its point, or the lowest one of a ball."""
+    return _compute_heights(robot, joint_frames(robot, q))
+
+
+def _compute_heights(robot: Robot, frames: FloatArray) -> FloatArray:
+    up = _find_upwards(robot)
+    return np.stack([_locate(robot, contact, frames) @ up - contact.radius for contact in robot.contacts], axis=1)
+
+
+def _compute_shares(robot: Robot, frames: FloatArray) -> FloatArray:
+    """Return the share (m, k) of each row of J that is eliminated: 1 where a contact may touch, 0 where it is lifted.
+
+    From the height on at which a contact touches nothing, the share falls smoothly to 0 at twice that height: a step
+    would put the measured torques, projected at measured positions, beside columns that are projected at filtered ones.
+    """
+    heights = _compute_heights(robot, frames)
+    lowest, shares = heights.min(axis=1), []
+    for contact, height in zip(robot.contacts, heights.T, strict=True):
+        rise = 0.0 if contact.lift is None else np.clip((height - lowest) / contact.lift - 1.0, 0.0, 1.0)
+        share = np.broadcast_to(1.0 - rise**2 * (3.0 - 2.0 * rise), lowest.shape)
+        shares += [share] * (3 if contact.point is not None else 6)
+    return np.stack(shares, axis=1)
+
+
+def find_mixed_joints(robot: Robot) -> BoolArray:
+    """Return which driven joints (n,) move a contact: the projection mixes their equations, and no others."""
+    if robot.linkage is not None:
+        return np.ones(robot.n, dtype=bool)
+    moved = {index for contact in robot.contacts for index in robot.tree.list_ancestors(_find_link(robot, contact))}
+    return np.isin(np.arange(robot.n), sorted(moved))
+
+
 def compute_contact_projection(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the projection P = 1 - J⁺J that takes the forces of a robot's contacts away.
+    """Return the matrix P = 1 - J⁺J that takes the forces of a robot's contacts away.
+
+    Of a contact that is lifted only a share s of its rows is eliminated, and P is no projection there. With S the
+    diagonal matrix of the shares, P is the part of 1 - A⁺A, A = [SJ, √(1 - S²)], that belongs to the joints: PJᵀf = 0
+    still holds for all forces f of contacts with s = 1, and P is the identity where all are lifted.
 
     Parameters
     ----------
@@ -142,7 +204,13 @@ def compute_contact_projection(robot: Robot, q: FloatArray) -> FloatArray:
     ndarray (m, n, n)
         P at each position.
     """
+    n = robot.n
     if not robot.contacts:
-        return np.broadcast_to(np.eye(robot.n), (len(q), robot.n, robot.n))
-    jacobian = compute_contact_jacobian(robot, q)
-    return np.asarray(np.eye(robot.n) - np.linalg.pinv(jacobian, rcond=_RANK) @ jacobian)
+        return np.broadcast_to(np.eye(n), (len(q), n, n))
+    frames = joint_frames(robot, q)
+    shares = _compute_shares(robot, frames)
+    jacobian = shares[:, :, None] * _compute_jacobian(robot, q, frames)
+    if (shares < 1.0).any():
+        jacobian = np.concatenate([jacobian, np.sqrt(1.0 - shares**2)[:, :, None] * np.eye(shares.shape[1])], axis=2)
+    projection = np.eye(jacobian.shape[2]) - np.linalg.pinv(jacobian, rcond=_RANK) @ jacobian
+    return np.asarray(projection[:, :n, :n])

@@ -118,7 +118,9 @@ def set_base(robot: Robot, base: BaseKind | None = None, contacts: Sequence[str]
         MJCF, that carries the root link makes a floating base.
     contacts : sequence of str
         Links of a robot with a floating base on which forces act that nobody measured, such as its feet: "left_foot",
-        or a point of a link in its frame (m), "calf@0,0,-0.21". They are eliminated from its equations.
+        or a point of a link in its frame (m), "calf@0,0,-0.21", with the radius of a ball around it that rolls on the
+        ground, "calf@0,0,-0.21,0.02". They are eliminated from its equations, on level ground only up to a height above
+        the lowest contact, "left_foot^0.03".
 
     Returns
     -------

@@ -25,19 +25,28 @@ class Contact:
     point : (x, y, z), optional
         Point of the link, in its frame (m), where a force acts, as on the foot of a quadruped; by default a force and
         a moment act on the link, as on a sole.
+    radius : float
+        Radius (m) of a ball around the point that rolls on the ground: the force acts so far below the point.
+    lift : float, optional
+        On level ground, how far (m) the contact is above the lowest one of the robot where it surely touches nothing;
+        by default it may touch at any height.
 
     Examples
     --------
     >>> from dynident.robot.contacts import parse_contact
-    >>> parse_contact("calf@0,0,-0.21")
-    Contact(link='calf', point=(0.0, 0.0, -0.21))
+    >>> parse_contact("calf@0,0,-0.21,0.02^0.03")
+    Contact(link='calf', point=(0.0, 0.0, -0.21), radius=0.02, lift=0.03)
     """
 
     link: str
     point: tuple[float, float, float] | None = None
+    radius: float = 0.0
+    lift: float | None = None
 
     def __str__(self) -> str:
-        return self.link if self.point is None else f"{self.link}@{','.join(map(repr, self.point))}"
+        numbers = () if self.point is None else (*self.point, *((self.radius,) if self.radius else ()))
+        place = f"@{','.join(map(repr, numbers))}" if numbers else ""
+        return f"{self.link}{place}{'' if self.lift is None else f'^{self.lift!r}'}"
 
 
 WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}

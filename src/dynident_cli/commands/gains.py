@@ -135,9 +135,10 @@ def gains(
     gains_text = ",".join(f"{value:.4g}" for value in drive_gains.values)
 
     def print_gains(console: Console) -> None:
+        units = [get_gain_unit(machine, index, drive_gains.from_commands) for index in range(machine.n)]
         gains = (
-            (gain.joint, gain.stated, gain.drive_gain, gain.interval, get_gain_unit(machine, index), gain.identifiable)
-            for index, gain in enumerate(drive_gains.each)
+            (gain.joint, gain.stated, gain.drive_gain, gain.interval, unit, gain.identifiable)
+            for gain, unit in zip(drive_gains.each, units, strict=True)
         )
         weighed = ((name, load.mass, load.interval, load.from_gains, load.identifiable) for name, load in loads)
         command_output.print_tables(console, build_gain_tables(gains, weighed))

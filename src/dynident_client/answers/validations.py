@@ -98,7 +98,8 @@ class IdentifiedGain(TypedDict):
     stated: float
     """Gain of the robot; 1 if it states none"""
     unit: str
-    """N m/A or N/A; - if the robot states no gain: a factor on the recorded torque"""
+    """N m/A or N/A; N m/rad or N/m of position servos; - if the robot states no gain: a factor on the recorded
+    torque"""
 
 
 class MeasurementErrors(TypedDict):

@@ -243,7 +243,9 @@ def locate_findings(
     if not loose:
         return tuple(findings)
     model = identification.model
-    places = {k: _list_places(findings[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
+    # The first coordinates of a base that moves carry no link.
+    carriers = model.robot.joint_names[model.robot.n_massless :]
+    places = {k: _list_places(findings[k].judged.candidate.choice, carriers) for k in loose}
     # The findings and all places of the loose ones in one pool, so that the recordings are read once.
     choices = [finding.judged.candidate.choice for finding in findings] + [
         choice for own in places.values() for choice in own

@@ -133,7 +133,7 @@ class DriveGains:
     joint_names : tuple of str
         Names of the joints.
     values : (n,)
-        Gains in N m/A or N/A, in the units of `stated`.
+        Gains in N m/A or N/A, in the units of `stated`; in N m/rad or N/m of position servos.
     covariance : (n, n)
         Covariance of the gains, with the correlation of the residuals accounted for.
     stated : (n,)
@@ -142,6 +142,8 @@ class DriveGains:
         For each joint whether the data leave its gain less than a tenth uncertain.
     warnings : tuple of str
         Warnings about gains that are uncertain or negative.
+    from_commands : bool
+        Whether they are gains of position servos, whose torque was made of commands.
     """
 
     joint_names: tuple[str, ...]
@@ -150,6 +152,7 @@ class DriveGains:
     stated: FloatArray
     identifiable: tuple[bool, ...]
     warnings: tuple[str, ...] = ()
+    from_commands: bool = False
 
     @property
     def standard_deviations(self) -> FloatArray:
@@ -276,7 +279,13 @@ def identify_gains(
     identifiable = tuple(bool(d <= _IDENTIFIABLE) for d in deviations)
     warnings = (*_warn_of_uncertain_gains(robot, deviations, identifiable), *_warn_of_negative_gains(robot, factors))
     return DriveGains(
-        robot.joint_names, factors * scale, covariance * np.outer(scale, scale), scale, identifiable, warnings
+        robot.joint_names,
+        factors * scale,
+        covariance * np.outer(scale, scale),
+        scale,
+        identifiable,
+        warnings,
+        from_commands=any(recording.torque_from_commands for recording in (*unloaded, *loaded)),
     )
 
 
