@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -147,6 +147,46 @@ class DescriptionFit:
             # Neither the load nor other joints depend on the torque of some joints.
             shares = self._few_shares | _estimate_shares(motion, self._few_loads, fault.joints)
         return float(np.mean([*shares.values()])) if shares else None
+
+    def is_of_load(self, fault: ColumnFault) -> bool:
+        """Tell whether a load on a last link, which the description lacks, explains about as much as mending a fault.
+
+        Parameters
+        ----------
+        fault : ColumnFault
+            The fault.
+        """
+        mended, motion, load = self.estimate_left(fault), self._few_rows, self._few_loads
+        if mended is None or load is None or self.robot.linkage is not None:
+            return False
+        inner = {joint.parent for joint in self.robot.joints}
+        left = [self._estimate_with_load(motion, load, link) for link in range(self.robot.n) if link not in inner]
+        return min(left) <= mended + self._threshold
+
+    def _estimate_with_load(self, motion: Motion, load: FloatArray, link: int) -> float:
+        """Return what the description leaves in the mean, with the ten parameters of a load on a link."""
+        carried = []
+        for parameter in range(self.robot.inertias.shape[1]):
+            inertias = self.robot.inertias.copy()
+            inertias[link, parameter] += 1.0
+            carried.append(compute_load(replace(self.robot, inertias=inertias), motion) - load)
+        moves, joints = find_moving_rows(motion), np.flatnonzero(find_moving_joints(motion))
+        tables = []
+        for place, joint in enumerate(joints):
+            rows = moves[:, joint]
+            own = np.stack([np.sign(motion.dq[:, joint]), motion.dq[:, joint], motion.ddq[:, joint]], axis=1)[rows]
+            own = np.hstack([own, np.ones((len(own), 1))])
+            drives = np.zeros((len(own), own.shape[1] * len(joints)))
+            drives[:, place * own.shape[1] : (place + 1) * own.shape[1]] = own
+            wanted = (motion.tau[:, joint] - load[:, joint])[rows]
+            table = np.column_stack([np.stack([torque[:, joint] for torque in carried], axis=1)[rows], drives, wanted])
+            # Small joints count as much as large ones.
+            tables.append(table / np.linalg.norm(motion.tau[rows, joint]))
+        stacked = np.vstack(tables)
+        sizes = np.maximum(np.linalg.norm(stacked[:, :-1], axis=0), np.finfo(float).tiny)
+        solution = np.linalg.lstsq(stacked[:, :-1] / sizes, stacked[:, -1], rcond=_RIDGE)[0] / sizes
+        squares = [float(((table[:, -1] - table[:, :-1] @ solution) ** 2).sum()) for table in tables]
+        return float(np.mean([compute_log_shares(square, 1.0) for square in squares]))
 
     def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
         """Tell whether clearly less is left than otherwise, and in most blocks."""

@@ -117,11 +117,12 @@ class _DecompressedStream(ProducedStream):
 
 _READ_BYTES = 1 << 18
 _LIST = re.compile(
-    r'(?P<before>^|[,;\t|])[ ]*"?(?:[A-Za-z.]+\()?[\[(](?P<items>[^\[\]()]*)[\])](?:\s*,[^\[\]()"]*\))?\)?"?'
+    r'(?P<before>^|[,;\t|])[ ]*"?(?:[A-Za-z.]+\()?[\[({](?P<items>[^\[\](){}]*)[\])}](?:\s*,[^\[\]()"]*\))?\)?"?'
     r"(?=[ ]*(?:[,;\t|]|\r?$))",
     re.MULTILINE,
 )
-"""A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `[0.1 0.2]` over several lines, `array([0.1, 0.2])`."""
+"""A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `{0.1, 0.2}`, `[0.1 0.2]` over several lines,
+`array([0.1, 0.2])`."""
 _BETWEEN = re.compile(r"[\s,;]+")
 _MARK = "\1"
 _TRIES = 64
