@@ -215,7 +215,7 @@ def find_scales_by_joint(
     if as_one < BORNE_OUT and not are_counts:
         return None
     span = float(np.nanmax(np.ptp(stated[:, turning], axis=0)))
-    for common in np.linspace(*np.log([LEAST_TURN / span, 4.0 * np.pi / span]), _SCALES):
+    for common in np.log(np.geomspace(LEAST_TURN / span, 4.0 * np.pi / span, _SCALES)):
         if (share := measure(np.full(len(turning), common))) < least:
             scales, least = np.full(len(turning), common), share
     step = first = np.log(_OTHER)

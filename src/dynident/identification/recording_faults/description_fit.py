@@ -149,7 +149,9 @@ class DescriptionFit:
         return float(np.mean([*shares.values()])) if shares else None
 
     def is_of_load(self, fault: ColumnFault) -> bool:
-        """Tell whether a load on a last link, which the description lacks, explains about as much as mending a fault.
+        """Tell whether a load that the description lacks explains about as much as another zero of a last joint.
+
+        Such a zero turns the masses of the last link alone, and looks like other masses.
 
         Parameters
         ----------
@@ -157,19 +159,20 @@ class DescriptionFit:
             The fault.
         """
         mended, motion, load = self.estimate_left(fault), self._few_rows, self._few_loads
-        if mended is None or load is None or self.robot.linkage is not None:
+        link = fault.joints[0]
+        is_last = link not in {joint.parent for joint in self.robot.joints} and self.robot.linkage is None
+        if fault.kind != "joint zero" or not is_last or mended is None or load is None:
             return False
-        inner = {joint.parent for joint in self.robot.joints}
-        left = [self._estimate_with_load(motion, load, link) for link in range(self.robot.n) if link not in inner]
-        return min(left) <= mended + self._threshold
+        return self._estimate_with_load(motion, load, link) <= mended + self._threshold
 
     def _estimate_with_load(self, motion: Motion, load: FloatArray, link: int) -> float:
         """Return what the description leaves in the mean, with the ten parameters of a load on a link."""
+        described = np.asarray(self.robot.inertias)
         carried = []
-        for parameter in range(self.robot.inertias.shape[1]):
-            inertias = self.robot.inertias.copy()
+        for parameter in range(described.shape[1]):
+            inertias = described.copy()
             inertias[link, parameter] += 1.0
-            carried.append(compute_load(replace(self.robot, inertias=inertias), motion) - load)
+            carried.append(np.asarray(compute_load(replace(self.robot, inertias=inertias), motion)) - load)
         moves, joints = find_moving_rows(motion), np.flatnonzero(find_moving_joints(motion))
         tables = []
         for place, joint in enumerate(joints):
@@ -185,8 +188,8 @@ class DescriptionFit:
         stacked = np.vstack(tables)
         sizes = np.maximum(np.linalg.norm(stacked[:, :-1], axis=0), np.finfo(float).tiny)
         solution = np.linalg.lstsq(stacked[:, :-1] / sizes, stacked[:, -1], rcond=_RIDGE)[0] / sizes
-        squares = [float(((table[:, -1] - table[:, :-1] @ solution) ** 2).sum()) for table in tables]
-        return float(np.mean([compute_log_shares(square, 1.0) for square in squares]))
+        squares = np.array([((table[:, -1] - table[:, :-1] @ solution) ** 2).sum() for table in tables])
+        return float(compute_log_shares(squares, np.ones(len(squares))).mean())
 
     def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
         """Tell whether clearly less is left than otherwise, and in most blocks."""
