@@ -529,3 +529,19 @@ def test_lists_in_braces_beside_dates_without_signs_are_read(tmp_path: Path) -> 
     path.write_text("\n".join(lines) + "\n")
     proposal = inspect_file(path, given.robot).proposal
     assert (proposal.questions, proposal.units["q"]) == ((), "deg")
+
+
+def test_lines_of_a_plotter_are_rows_of_its_signals(tmp_path: Path) -> None:
+    given = log("ur10", 1, duration=10.0)
+    columns = {name: values for name, values in given.columns().items() if name != "t"}
+    path = tmp_path / "plotted.txt"
+    path.write_text(
+        "".join(
+            f">{name}:{1.7e12 + round(1e3 * t):.0f}:{values[k]:.7g}\n"
+            for k, t in enumerate(given.t)
+            for name, values in columns.items()
+        )
+    )
+    proposal = inspect_file(path, given.robot).proposal
+    assert proposal.questions == ()
+    assert (proposal.columns["q2"], proposal.columns["tau6"]) == ("value_q2", "value_tau6")

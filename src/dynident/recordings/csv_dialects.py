@@ -15,12 +15,10 @@ from dynident.recordings.formats.packed_messages import name_message_columns
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     count_list_items,
+    find_line_form,
     flatten_lists,
-    has_labelled_numbers,
     has_lists,
     join_open_lists,
-    keep_numbers,
-    name_labelled_numbers,
     number_repeated_names,
     pair_times,
     squeeze_spaces,
@@ -115,10 +113,12 @@ def detect_dialect(start: bytes) -> Dialect:
         original = whole
         rewrite.append(flatten_lists)
     lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
-    if has_labelled_numbers(lines):
-        names = name_labelled_numbers(lines[-1])
-        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
-        return Dialect(",", ".", names, 0, rewrite=(*rewrite, keep_numbers), encoding=encoding, remarks=(remark,))
+    if (form := find_line_form(lines)) is not None:
+        names, change, remark = form
+        texts = _collect_texts([_split_fields(line, ",") for line in change("\n".join(lines)).splitlines()], names)
+        return Dialect(
+            ",", ".", names, 0, texts=texts, rewrite=(*rewrite, change), encoding=encoding, remarks=(remark,)
+        )
     if _is_aligned(lines):
         rewrite.append(squeeze_spaces)
         lines = squeeze_spaces("\n".join(lines)).splitlines()

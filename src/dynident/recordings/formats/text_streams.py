@@ -367,6 +367,30 @@ def keep_numbers(text: str) -> str:
     return "\n".join([*lines, ""])
 
 
+_PLOTTED = re.compile(
+    r"(?m)^>?([A-Za-z_][\w. /-]*):(\d+(?:\.\d+)?):([+-]?[\d.]+(?:[eE][+-]?\d+)?)(?:§[^|\n]*)?(?:\|\w*)?\r?$"
+)
+"""A line of a plotter of values, `>q1:1700000000123:0.12`: a name, a time and a value."""
+
+
+def separate_plotted(text: str) -> str:
+    """Return lines that a plotter takes as rows of time, name and value; others are empty."""
+    return "".join(f"{row[2]},{row[1]},{row[3]}\n" for row in _PLOTTED.finditer(text))
+
+
+LineForm = tuple[tuple[str, ...], Callable[[str], str], str]
+
+
+def find_line_form(lines: list[str]) -> LineForm | None:
+    """Return the columns of lines that are no table, what makes one of them, and a remark on it; None of tables."""
+    if has_labelled_numbers(lines):
+        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
+        return name_labelled_numbers(lines[-1]), keep_numbers, remark
+    if _is_in_most_lines(_PLOTTED, "\n".join(lines)):
+        return ("time", "variable", "value"), separate_plotted, "Each line is a name, a time and a value of it."
+    return None
+
+
 _LABELLED_LINES = 50
 
 
