@@ -114,10 +114,10 @@ def detect_dialect(start: bytes) -> Dialect:
         rewrite.append(flatten_lists)
     lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
     if (form := find_line_form(lines)) is not None:
-        names, change, remark = form
-        texts = _collect_texts([_split_fields(line, ",") for line in change("\n".join(lines)).splitlines()], names)
+        names, separate, remark = form
+        texts = _collect_texts([_split_fields(line, ",") for line in separate("\n".join(lines)).splitlines()], names)
         return Dialect(
-            ",", ".", names, 0, texts=texts, rewrite=(*rewrite, change), encoding=encoding, remarks=(remark,)
+            ",", ".", names, 0, texts=texts, rewrite=(*rewrite, separate), encoding=encoding, remarks=(remark,)
         )
     if _is_aligned(lines):
         rewrite.append(squeeze_spaces)

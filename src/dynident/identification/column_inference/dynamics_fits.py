@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -208,25 +209,26 @@ def find_scales_by_joint(
         share = fits.measure_unexplained(np.where(turning, stated * np.exp(logarithms), q), tau)
         return 1.0 if share is None else share
 
-    scales = np.zeros(len(turning))
+    scales, span = np.zeros(len(turning)), float(np.nanmax(np.ptp(stated[:, turning], axis=0)))
+    # Each trial is a fit: of longer chains there would be too many.
+    if len(turning) > MOST_JOINTS or not 0.0 < span < np.inf:
+        return None
     as_one = least = measure(scales)
-    # Angles are angles, but any encoder and gear give counts: friction alone explains wrists with wrong ones.
-    are_counts = unit.startswith("counts:")
+    are_counts = unit.startswith("counts:")  # any encoder and gear give such, and friction explains wrists with all
     if as_one < BORNE_OUT and not are_counts:
         return None
-    span = float(np.nanmax(np.ptp(stated[:, turning], axis=0)))
     for common in np.log(np.geomspace(LEAST_TURN / span, 4.0 * np.pi / span, _SCALES)):
         if (share := measure(np.full(len(turning), common))) < least:
             scales, least = np.full(len(turning), common), share
+    if _CLEARLY * least > as_one and not are_counts:
+        return None
     step = first = np.log(_OTHER)
     for _ in range(_ROUNDS):
         before = least
-        for joint in np.flatnonzero(turning):
-            for side in (step, -step):
-                tried = scales + side * (np.arange(len(turning)) == joint)
-                if (share := measure(tried)) < least:
-                    scales, least = tried, share
-                    break
+        for joint, side in product(np.flatnonzero(turning), (step, -step)):
+            tried = scales + side * (np.arange(len(turning)) == joint)
+            if (share := measure(tried)) < least:
+                scales, least = tried, share
         # Where the first steps do not help, nothing else does: something else is wrong.
         if step < _LEAST_STEP or (step == first and least > _HARDLY_LESS * as_one):
             break
