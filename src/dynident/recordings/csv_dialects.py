@@ -228,7 +228,7 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     units = dict.fromkeys(clock_of.values(), unit) if unit else {}
     # Units stand with their kind: "° (Angle)", or "(None)".
     stated = {by_place[place]: head["unit"][place].partition("(")[0].strip() for place in channels if "unit" in head}
-    units |= {name: said for name, said in stated.items() if said and _UNIT.match(said)}
+    units |= {name: unit for name, unit in stated.items() if unit and _UNIT.match(unit)}
     comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
     return delimiter, comma, _Header(tuple(columns), body, units, clock_of)
 

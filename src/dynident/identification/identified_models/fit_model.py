@@ -260,14 +260,14 @@ def _describe_other_load(identification: Identification, error: float) -> str:
         if body.link not in links or model.robot.linkage is not None:
             continue
         change = model.base.grouping[:, body.columns]
-        parts, wanted = [], []
+        parts, residuals = [], []
         for equation, sigma in zip(data.equations, identification.estimate.noise, strict=True):
             rows = equation.whole_factor / (sigma or 1.0)
             parts.append(rows[:, :-1] @ change[equation.columns])
-            wanted.append(rows[:, -1] - rows[:, :-1] @ values[equation.columns])
+            residuals.append(rows[:, -1] - rows[:, :-1] @ values[equation.columns])
         observed = np.concatenate(parts)
         sizes = np.maximum(np.linalg.norm(observed, axis=0), np.finfo(float).tiny)
-        load = np.linalg.lstsq(observed / sizes, np.concatenate(wanted), rcond=_FELT)[0] / sizes
+        load = np.linalg.lstsq(observed / sizes, np.concatenate(residuals), rcond=_FELT)[0] / sizes
         left = compute_moving_errors(data, values + change @ load).relative_total
         # Mass and centre have to be a body's: any ten numbers explain some of any error.
         mass, centre = float(load[-1]), float(np.linalg.norm(load[6:9]))

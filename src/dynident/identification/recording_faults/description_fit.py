@@ -181,8 +181,10 @@ class DescriptionFit:
             own = np.hstack([own, np.ones((len(own), 1))])
             drives = np.zeros((len(own), own.shape[1] * len(joints)))
             drives[:, place * own.shape[1] : (place + 1) * own.shape[1]] = own
-            wanted = (motion.tau[:, joint] - load[:, joint])[rows]
-            table = np.column_stack([np.stack([torque[:, joint] for torque in carried], axis=1)[rows], drives, wanted])
+            residual = (motion.tau[:, joint] - load[:, joint])[rows]
+            table = np.column_stack(
+                [np.stack([torque[:, joint] for torque in carried], axis=1)[rows], drives, residual]
+            )
             # Small joints count as much as large ones.
             tables.append(table / np.linalg.norm(motion.tau[rows, joint]))
         stacked = np.vstack(tables)
