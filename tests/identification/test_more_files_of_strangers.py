@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from dynident.identification.column_inference.column_names import describe_waves
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.recordings import RecordingError
+from dynident.recordings.formats.text_streams import RewrittenText
 from dynident.robot import Robot, robot_from_urdf
 
 
@@ -545,3 +547,11 @@ def test_lines_of_a_plotter_are_rows_of_its_signals(tmp_path: Path) -> None:
     proposal = inspect_file(path, given.robot).proposal
     assert proposal.questions == ()
     assert (proposal.columns["q2"], proposal.columns["tau6"]) == ("value_q2", "value_tau6")
+
+
+def test_a_rewritten_text_ends_where_no_more_rows_are_asked_for() -> None:
+    """Arrow reads ahead in a thread, which may not go on while Python ends."""
+    text = RewrittenText(io.BytesIO(b"1,2\n" * 9), ())
+    assert text.read(4) == b"1,2\n"
+    text.is_ended = True
+    assert text.read() == b""

@@ -417,10 +417,12 @@ class RewrittenText(ProducedStream):
         self._file, self._rewrite = file, rewrite
         self._decode = codecs.getincrementaldecoder(encoding)(errors="replace").decode
         self._waiting, self._ready = "", b""
-        self._at_end = False
+        self._at_end = self.is_ended = False
 
     def read_part(self, size: int) -> bytes:
-        """Return the next bytes of the rewritten text."""
+        """Return the next bytes of the rewritten text; none once it is said to end."""
+        if self.is_ended:
+            return b""
         while not self._ready and not self._at_end:
             self._read_more()
         part, self._ready = self._ready[:size], self._ready[size:]
