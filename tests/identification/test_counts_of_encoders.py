@@ -69,3 +69,14 @@ def test_whole_numbers_that_may_be_degrees_are_refused_and_no_unit_is_taken_unas
     with pytest.raises(RecordingError, match="encoder counts") as raised:
         read(given.robot, tmp_path, columns, cures=5)
     assert [one.apply for one in raised.value.checks if one.status == "error"] == [None]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_counts_that_differ_by_joint_are_asked_with_estimates(seed: int) -> None:
+    given = log("ur10", seed)
+    counts = np.array([482904.0, 482904.0, 360000.0, 163836.0, 163836.0, 112680.0])
+    found = guess(given.robot, given.columns(q=np.rint(given.q * counts / (2.0 * np.pi))))
+    (asked,) = [one for one in found.questions if one.field == "units/q"]
+    value = asked.remedies[0].value
+    assert isinstance(value, dict)
+    np.testing.assert_allclose([float(value[f"q{j}"].partition(":")[2]) for j in (2, 3)], counts[1:3], rtol=0.15)

@@ -87,3 +87,19 @@ def test_a_load_in_held_out_runs_alone_is_refused_with_the_runs_to_name():
     with pytest.raises(DynidentError, match=r"only in held-out runs.*empty, carrying") as refused:
         added([run("new", 3, 1.0)], replace(PAYLOAD, runs=("new",)))
     assert refused.value.pointer == "/effects/0/runs"
+
+
+@pytest.mark.parametrize(("fitted", "carried", "words"), [(0.0, 1.0, "of 4 kg more"), (1.0, 0.0, "of 4 kg less")])
+def test_another_load_in_the_held_out_run_is_told_with_its_mass(fitted: float, carried: float, words: str) -> None:
+    found = identify(arm("ur10"), [run("a", 1, fitted)], [run("b", 2, carried)], CHOICES)
+    (warning,) = [one for one in found.warnings if "on validation data" in one]
+    assert words in warning
+    assert "wrist_3_joint" in warning
+
+
+def test_no_load_is_told_where_something_else_differs() -> None:
+    robot, motion = arm("ur10"), fourier_motion(arm("ur10"), 8.0, 200.0, seed=2, amplitude=1.2)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 1.5 * np.sign(motion.dq) + 2.0 * motion.dq
+    pushed = record(robot, motion, tau + 40.0 * np.sin(2.0 * motion.t)[:, None], "b")
+    (warning,) = [one for one in identify(robot, [run("a", 1)], [pushed], CHOICES).warnings if "validation data" in one]
+    assert "such as another load" in warning

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 from support.drawn_recordings import Log, guess, log, log_of, read, write
-from support.oracles import crooked_urdf
+from support.oracles import crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
@@ -19,6 +20,7 @@ from dynident.identification.column_inference.column_names import describe_waves
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.recordings import RecordingError
+from dynident.recordings.formats.text_streams import RewrittenText
 from dynident.robot import Robot, robot_from_urdf
 
 
@@ -425,3 +427,131 @@ def test_torques_made_from_commands_are_still_so_in_some_rows() -> None:
     recording = fits.select_rows(rows).to_recording(given.q[rows], given.tau[rows])
     assert recording is not None
     assert recording.torque_from_commands
+
+
+def test_turns_of_the_joints_are_taken_where_the_dynamics_bear_them_out() -> None:
+    given = log("ur10", 2)
+    found = guess(given.robot, given.columns(q=given.q / (2.0 * np.pi)))
+    assert (found.questions, found.units["q"]) == ((), "rev")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_turns_of_motors_are_not_taken_for_degrees_of_the_joints(seed: int) -> None:
+    given = log("ur10", seed)
+    found = guess(given.robot, given.columns(q=given.q * 20.0 / (2.0 * np.pi)))
+    (asked,) = [one for one in found.questions if one.field == "units/q"]
+    counts = asked.remedies[0].value
+    assert isinstance(counts, dict)
+    # Turns of the inner joints lift what they carry, and tell most.
+    assert [float(counts[f"q{j}"].partition(":")[2]) for j in (2, 3)] == pytest.approx([20.0, 20.0], rel=0.15)
+
+
+def test_torques_whose_names_state_several_units_are_read_in_these() -> None:
+    given = log("ur10", 3)
+    scale = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
+    named = {f"J{j + 1} torque [{'Nm' if j < 3 else 'mNm'}]": given.tau[:, j] * scale[j] for j in range(6)}
+    positions = {f"J{j + 1} position [rad]": given.q[:, j] for j in range(6)}
+    found = guess(given.robot, {"t": given.t} | positions | named)
+    assert found.questions == ()
+    assert [found.units.get(f"tau{j}", "N m") for j in (1, 4)] == ["N m", "mN m"]
+
+
+def test_joints_that_the_file_lacks_are_to_be_locked_though_they_are_half_of_all() -> None:
+    given = log("ur10", 1, duration=8.0)
+    columns = {
+        f"axis{j + 1}_{kind}": values[:, j]
+        for kind, values in (("pos", given.q), ("torque", given.tau))
+        for j in range(3)
+    }
+    (asked,) = [one for one in guess(given.robot, {"t": given.t} | columns).questions if one.field == "robot"]
+    assert asked.remedies[0].value == dict.fromkeys(given.robot.joint_names[3:], 0)
+
+
+def test_a_clock_of_coarse_steps_is_told_with_the_rate_of_the_rows() -> None:
+    given = log("ur10", 1)
+    columns = given.columns() | {"t": np.floor(given.t * 64.0) / 64.0}
+    (asked,) = guess(given.robot, columns).questions
+    assert "stays the same for 1.6 rows at a time" in asked.detail
+    assert asked.remedies[0].value == pytest.approx(100.0, rel=1e-3)
+
+
+def test_a_load_that_the_description_lacks_is_no_other_zero_of_the_last_joint() -> None:
+    given = log("ur10", 4)
+    inertias = given.robot.inertias.copy()
+    inertias[-1] += 2.0 * np.array([0.03, 0.0, 0.0, 0.03, -0.0036, 0.003, 0.0, 0.03, 0.12, 1.0])
+    motion = fourier_motion(given.robot, 20.0, 100.0, 4)
+    loaded = pinocchio_torque(replace(given.robot, inertias=inertias), motion.q, motion.dq, motion.ddq)
+    empty = pinocchio_torque(given.robot, motion.q, motion.dq, motion.ddq)
+    found = guess(given.robot, given.columns(tau=given.tau + loaded - empty))
+    assert [one.check for one in found.questions] == []
+
+
+def test_groups_of_a_scope_that_share_a_time_are_read(tmp_path: Path) -> None:
+    """Tabs and decimal commas, and two groups of channels at rates of their own, each with its time first."""
+    given = log("ur10", 1, duration=10.0)
+    groups = ((1, "Axis{}.ActPos", "° (Angle)", np.rad2deg(given.q)), (2, "Axis{}.ActTrq", "(None)", given.tau))
+    lines = ["Name\tScope", "File\tC:\\a.csv", "", ""]
+    for key, values in (
+        ("Name", [[pattern.format(j) for j in range(1, 7)] for _, pattern, _, _ in groups]),
+        ("SampleTime[ms]", [[str(10 * every)] * 6 for every, _, _, _ in groups]),
+        ("Unit", [[unit] * 6 for _, _, unit, _ in groups]),
+    ):
+        lines.append("\t".join(cell for own in values for cell in (key, *own)))
+    lines.append("")
+    for row, t in enumerate(given.t):
+        cells = []
+        for every, _, _, values in groups:
+            at = row * every
+            inside = at < len(given.t)
+            cells += [f"{1e3 * t * every:g}", *(f"{x:.6f}" for x in values[at])] if inside else [""] * 7
+        lines.append("\t".join(cells).replace(".", ","))
+    (tmp_path / "scope.txt").write_bytes("\n".join(lines).encode("cp1252"))
+    proposal = inspect_file(tmp_path / "scope.txt", given.robot).proposal
+    assert proposal.questions == ()
+    assert (proposal.units["q"], proposal.columns["tau3"]) == ("deg", "Axis3.ActTrq")
+
+
+def test_rows_behind_a_word_are_read_and_other_messages_left_out(tmp_path: Path) -> None:
+    given = log("ur10", 1, duration=6.0)
+    rows = [f"Y,{1e3 * t:.0f}," + ",".join(f"{x:.6f}" for x in values) for t, values in zip(
+        given.t, np.hstack([given.q, given.tau]), strict=True)]  # fmt: skip
+    path = tmp_path / "controller.log"
+    path.write_text("\n".join(["I,boot ok,1.3", *rows[:200], "I,temperature,31.5", *rows[200:]]) + "\n")
+    found = inspect_file(path, given.robot).proposal
+    assert (found.columns["t"], found.columns["q1"], found.columns["tau6"]) == ("column2", "column3", "column14")
+
+
+def test_lists_in_braces_beside_dates_without_signs_are_read(tmp_path: Path) -> None:
+    given = log("ur10", 1, duration=10.0)
+    lines = ["Timestamp;Joint_Angle;Joint_Torque;Error"]
+    for t, q, tau in zip(given.t, np.rad2deg(given.q), given.tau, strict=True):
+        both = ["{" + ",".join(f"{x:.5f}" for x in values) + "}" for values in (q, tau)]
+        lines.append(f"20240506 13:04:{5.0 + t:06.3f};{both[0]};{both[1]};false")
+    path = tmp_path / "flow.csv"
+    path.write_text("\n".join(lines) + "\n")
+    proposal = inspect_file(path, given.robot).proposal
+    assert (proposal.questions, proposal.units["q"]) == ((), "deg")
+
+
+def test_lines_of_a_plotter_are_rows_of_its_signals(tmp_path: Path) -> None:
+    given = log("ur10", 1, duration=10.0)
+    columns = {name: values for name, values in given.columns().items() if name != "t"}
+    path = tmp_path / "plotted.txt"
+    path.write_text(
+        "".join(
+            f">{name}:{1.7e12 + round(1e3 * t):.0f}:{values[k]:.7g}\n"
+            for k, t in enumerate(given.t)
+            for name, values in columns.items()
+        )
+    )
+    proposal = inspect_file(path, given.robot).proposal
+    assert proposal.questions == ()
+    assert (proposal.columns["q2"], proposal.columns["tau6"]) == ("value_q2", "value_tau6")
+
+
+def test_a_rewritten_text_ends_where_no_more_rows_are_asked_for() -> None:
+    """Arrow reads ahead in a thread, which may not go on while Python ends."""
+    text = RewrittenText(io.BytesIO(b"1,2\n" * 9), ())
+    assert text.read(4) == b"1,2\n"
+    text.is_ended = True
+    assert text.read() == b""

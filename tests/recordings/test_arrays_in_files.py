@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 from dynident.identification.column_inference.file_inspection import read_sample
 from dynident.recordings import RecordingError, file_size_limits
@@ -254,10 +255,19 @@ def test_groups_of_one_length_are_joined_by_time_where_their_clocks_differ(tmp_p
     groups = {"q.time": t, "q.values": np.sin(t), "tau.time": change(t), "tau.values": np.sin(change(t))}
     np.savez(tmp_path / "later.npz", **groups)
     columns = columns_of(tmp_path / "later.npz")
-    assert bool(open_source(tmp_path / "later.npz", None).remarks) is is_joined
+    remarks = open_source(tmp_path / "later.npz", None).remarks
+    assert any("on a straight line" in remark for remark in remarks) is is_joined
     if not is_joined:
         np.testing.assert_array_equal(columns["tau.values"], groups["tau.values"])
         return
     # The first group's times are those of the rows.
     assert np.isnan(columns["tau.values"][:50]).all()
     np.testing.assert_allclose(columns["tau.values"][50:], columns["q.values"][50:], atol=1e-4)
+
+
+def test_groups_whose_times_hardly_meet_are_said_to_be_read_side_by_side(tmp_path):
+    t, values = 0.005 * np.arange(400), np.random.default_rng(1).normal(size=(400, 6))
+    for shift, is_told in ((0.0, False), (1.5, True)):
+        savemat(tmp_path / "two.mat", {"pos": {"t": t, "q": values}, "trq": {"t": t + shift, "tau": values}})
+        source = open_source(tmp_path / "two.mat", None)
+        assert any("less than half of their span" in remark for remark in source.remarks) == is_told

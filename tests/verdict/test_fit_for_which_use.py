@@ -67,6 +67,9 @@ def test_seconds_in_which_something_else_acted_limit_every_use(model: Identifica
     push = ((motion.t > 8.0) & (motion.t < 11.0))[:, None] * 0.2 * EFFORT * (np.arange(6) == 0)
     pushed = run("pushed", motion, tau + push)
     found = verdict(identify(ROBOT, [pushed], [OTHER]), [pushed], [OTHER])
+    (step,) = [step for step in found.next_steps if "identify with the windows pushed=" in step]
+    (_, end), (start, _) = [map(float, window.split(":")) for window in step.rstrip(".").split("=")[1].split(",")]
+    assert 6.5 < end <= 8.1 < 10.9 <= start < 12.5
     for use in found.uses:
         assert use.state != "yes", use
     (feed_forward,) = (one for one in found.uses if one.use == "feed_forward")

@@ -11,15 +11,14 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from dynident.recordings.cells_without_numbers import make_counted_names
+from dynident.recordings.formats.packed_messages import name_message_columns
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     count_list_items,
+    find_line_form,
     flatten_lists,
-    has_labelled_numbers,
     has_lists,
     join_open_lists,
-    keep_numbers,
-    name_labelled_numbers,
     number_repeated_names,
     pair_times,
     squeeze_spaces,
@@ -29,7 +28,7 @@ from dynident.text_encoding import decode_unmarked_text
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _WRITTEN_TIME = re.compile(
-    r"^(?:\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?:[T _]+(?=\d+:)|$))?"
+    r"^(?:\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?:[T _]+(?=\d+:)|$)|\d{8}[T _](?=\d+:))?"
     r"(?:\d{1,2}:\d{2}(?::\d{2}(?:[.,:]\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?)?$"
 )
 _ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
@@ -40,8 +39,6 @@ _TUPLE = re.compile(r"^\(.*\)$")
 _LOOKED_AT = 1 << 16
 _ROWS = 200
 _NO_NUMBERS = ("nan", "-nan", "inf", "-inf", "na", "n/a", "null", "none")
-_FIELDS_OF_JOINTS = {1: ("position",), 2: ("numbers1", "numbers2"), 3: ("position", "velocity", "effort")}
-"""Arrays of a message of joint states by their number; of two it is not said which are left empty."""
 
 
 @dataclass(frozen=True)
@@ -116,10 +113,12 @@ def detect_dialect(start: bytes) -> Dialect:
         original = whole
         rewrite.append(flatten_lists)
     lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
-    if has_labelled_numbers(lines):
-        names = name_labelled_numbers(lines[-1])
-        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
-        return Dialect(",", ".", names, 0, rewrite=(*rewrite, keep_numbers), encoding=encoding, remarks=(remark,))
+    if (form := find_line_form(lines)) is not None:
+        names, separate, remark = form
+        texts = _collect_texts([_split_fields(line, ",") for line in separate("\n".join(lines)).splitlines()], names)
+        return Dialect(
+            ",", ".", names, 0, texts=texts, rewrite=(*rewrite, separate), encoding=encoding, remarks=(remark,)
+        )
     if _is_aligned(lines):
         rewrite.append(squeeze_spaces)
         lines = squeeze_spaces("\n".join(lines)).splitlines()
@@ -186,10 +185,10 @@ _NAMES_OF_CHANNELS = ("symbolname", "name", "signal", "channel", "kanal")
 
 
 def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header] | None:
-    """Return the names of channels that each have two columns, of time and of values; None for other files.
+    """Return the names of channels below which stand groups of columns, each with its time first; None for other files.
 
-    Above such columns stands a key in every column of time, and what it says of the channel in the one beside it, as a
-    scope writes it: `Name;Axis1.Position;Name;Axis2.Position`.
+    Above them stands a key in every column of time, and what it says of the channels in the ones beside it, as a scope
+    writes it: `Name;Axis1.Position;Axis2.Position;Name;Axis1.Torque;Axis2.Torque`.
     """
     body = next((number for number in range(first, len(lines)) if _is_data(lines[number])), None)
     if body is None or body == first:
@@ -198,25 +197,40 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     fields = _split_fields(lines[body], delimiter)
     width = len(fields)
     head: dict[str, list[str]] = {}
+    clocks = set(range(width))
     for line in lines[first:body]:
         cells = _split_fields(line, delimiter)
         # The last values of a line may be empty, and their separator missing.
         cells += [""] * (width - len(cells)) if len(cells) == width - 1 else []
-        if len(cells) == width and cells[0] and set(cells[::2]) == {cells[0]} and not _is_number(cells[0]):
-            head[cells[0].casefold()] = cells[1::2]
-    if width < 4 or width % 2 or not head:
+        if len(cells) == width and cells[0] and cells.count(cells[0]) > 1 and not _is_number(cells[0]):
+            head[cells[0].casefold()] = cells
+            # A channel may be called as the key is; in all lines together only the columns of time hold the keys.
+            clocks &= {place for place, cell in enumerate(cells) if cell == cells[0]}
+    channels = [place for place in range(width) if place not in clocks]
+    if (len(head) < 2 and clocks != set(range(0, width, 2))) or width < 4 or not head or 0 not in clocks:
         return None
-    whole = (values for key in (*_NAMES_OF_CHANNELS, *head) if (values := head.get(key)) and all(values))
-    names = next((values for values in whole if len(set(values)) == len(values)), None)
+    if any(place + 1 in clocks or place + 1 == width for place in clocks):
+        return None
+    whole = ([head[key][place] for place in channels] for key in (*_NAMES_OF_CHANNELS, *head) if key in head)
+    names = next((values for values in whole if all(values) and len(set(values)) == len(values)), None)
     if names is None:
         return None
-    times = [f"{name}.time" for name in names]
+    columns, clock_of, by_place = [""] * width, {}, dict(zip(channels, names, strict=True))
+    for place in range(width):
+        if place in clocks:
+            columns[place] = f"{by_place[place + 1]}.time"
+            clock = columns[place]
+        else:
+            columns[place] = by_place[place]
+            clock_of[by_place[place]] = clock
     step = next((key for key in head if key.startswith("sampletime")), "")
     unit = step.partition("[")[2].strip("] ")
-    columns = tuple(column for pair in zip(times, names, strict=True) for column in pair)
+    units = dict.fromkeys(clock_of.values(), unit) if unit else {}
+    # Units stand with their kind: "° (Angle)", or "(None)".
+    stated = {by_place[place]: head["unit"][place].partition("(")[0].strip() for place in channels if "unit" in head}
+    units |= {name: unit for name, unit in stated.items() if unit and _UNIT.match(unit)}
     comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
-    units = dict.fromkeys(times, unit) if unit else {}
-    return delimiter, comma, _Header(columns, body, units, dict(zip(names, times, strict=True)))
+    return delimiter, comma, _Header(tuple(columns), body, units, clock_of)
 
 
 def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
@@ -232,7 +246,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     header = _skip_titles(lines, header)
     text = lines[header].lstrip("#% ").rstrip("\r\n")
     below = [line for line in lines[header : header + 20] if line.strip()]
-    if _is_data(text):
+    if _is_data(text) or _is_marked_row(below):
         delimiter, comma = _detect_number_format(below)
         fields = _split_fields(text, delimiter)
         counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
@@ -242,7 +256,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     # Messages of other senders, with fewer joints, may stand between those of the arm. A line of names has no numbers.
     has_numbers = any(map(_is_number, _split_fields(text, delimiter)))
     messages = [line for line in below if len(_split_fields(line, delimiter)) == width] if has_numbers else []
-    if (names := _name_message_columns(messages, delimiter)) is not None:
+    cells = [[None if _is_number(cell) else cell for cell in _split_fields(line, delimiter)] for line in messages[:2]]
+    if (names := name_message_columns(cells)) is not None:
         return delimiter, False, _Header(names, header)
     names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
     names = _join_merged_heads(names, _split_fields(lines[header - 1], delimiter) if header else [])
@@ -360,6 +375,15 @@ def _is_data(text: str) -> bool:
     return any(_is_row(text, delimiter) for delimiter in ";\t| ,")
 
 
+def _is_marked_row(lines: Sequence[str]) -> bool:
+    """Return whether the first line is a row of numbers behind a word that says what it is, and goes on so below."""
+    delimiter = _find_delimiter(lines[0]) if lines else ","
+    rows = [_split_fields(line, delimiter) for line in lines]
+    alike = [row for row in rows if len(row) == len(rows[0]) and row[0] == rows[0][0]]
+    is_word = len(alike) > 1 and bool(re.match(r"^[^\W\d_]", rows[0][0])) and len(rows[0]) > 3
+    return is_word and all(map(_NUMBER.match, (cell for row in alike for cell in row[1:])))
+
+
 def _is_row(text: str, delimiter: str) -> bool:
     fields = [cell for cell in _split_fields(text, delimiter) if cell and not _WRITTEN_TIME.match(cell)]
     return bool(fields) and all(map(_NUMBER.match, fields))
@@ -406,7 +430,12 @@ def _skip_titles(lines: list[str], header: int) -> int:
         for number, line in enumerate(lines)
         if number > header and is_whole(line) and not any(map(_NUMBER.match, cells := _split_fields(line, delimiter)))
     }
-    return max(filled, key=lambda number: (filled[number], -number)) if filled else header
+    if filled:
+        return max(filled, key=lambda number: (filled[number], -number))
+    # Messages of another kind may stand above rows that begin with what they are.
+    rows = (number for number in range(header, len(lines)) if is_whole(lines[number]))
+    row = next(rows, header)
+    return row if _is_marked_row([line for line in lines[row : row + 20] if line.strip()]) else header
 
 
 def _is_aligned(lines: list[str]) -> bool:
@@ -431,35 +460,6 @@ def _detect_number_format(lines: list[str]) -> tuple[str, bool]:
     if " " in text.strip() and ", " not in text and (_is_row(text, " ") or not _is_row(text, ",")):
         return " ", "," in text
     return ",", False
-
-
-def _name_message_columns(lines: Sequence[str], delimiter: str) -> tuple[str, ...] | None:
-    """Name the columns of joint states without a line of names, as `ros2 topic echo --csv` writes them.
-
-    A row has the stamp's seconds and nanoseconds, the frame, the joints' names, and their positions, velocities and
-    efforts. None for other files.
-    """
-    rows = [_split_fields(line, delimiter) for line in lines[:2]]
-    if len(rows) < 2 or len(rows[0]) != len(rows[1]):
-        return None
-    words = [[None if _is_number(cell) else cell for cell in row] for row in rows]
-    # Names of joints are the same in every row, and there are fewer of them than of numbers.
-    if words[0] != words[1] or sum(map(bool, words[0])) * 2 > len(words[0]):
-        return None
-    places = [place for place, cell in enumerate(words[0]) if cell]
-    if not places or places != list(range(places[0], places[-1] + 1)):
-        return None
-    # The frame stands before the joints' names: a word of its own, or an empty cell.
-    begin = places[0] if places[0] and words[0][places[0] - 1] == "" else places[0] + 1
-    n = places[-1] + 1 - begin
-    arrays = _FIELDS_OF_JOINTS.get((len(words[0]) - places[-1] - 1) // n) if n > 0 else None
-    joints = set(words[0][begin : places[-1] + 1])
-    if arrays is None or len(joints) < n or (len(words[0]) - places[-1] - 1) % n or begin < 2:
-        return None
-    before = [f"column{place + 1}" for place in range(begin - 1)]
-    if begin == 3:
-        before = ["sec", "nanosec"]
-    return (*before, "frame", *(f"{name}{joint + 1}" for name in ("name", *arrays) for joint in range(n)))
 
 
 def _is_number(text: str) -> bool:

@@ -426,6 +426,17 @@ def _replace_diagnosis(findings: Sequence[UseFinding]) -> list[UseFinding]:
     ]
 
 
+def _list_windows_beside(identification: Identification, spans: Sequence[OutlyingSpan]) -> str:
+    """Write the windows of the only recording of the fit without some seconds; "" where there are several, or none."""
+    names, blocks = identification.data.measurement_names, identification.data.training.spans
+    if len(names) != 1 or not spans:
+        return ""
+    ends = np.sort([blocks[0, 0], blocks[-1, 1], *(end for span in spans for end in (span.start, span.end))])
+    # Rounded away from the disturbance: what is left out too much costs little.
+    windows = zip(np.ceil(10.0 * ends[::2]) / 10.0, np.floor(10.0 * ends[1::2]) / 10.0, strict=True)
+    return f"{names[0]}=" + ",".join(f"{start:g}:{end:g}" for start, end in windows if end > start)
+
+
 def _list_next_steps(
     identification: Identification,
     stop: Stop | None,
@@ -450,6 +461,11 @@ def _list_next_steps(
         f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where an external disturbance acted."
         for span in spans
     ]
+    steps += (
+        [f"For that identify with the windows {windows}."]
+        if (windows := _list_windows_beside(identification, spans))
+        else []
+    )
     if identification.model.is_at_rest:
         return [_judge_poses(identification), "Record a designed motion to identify the dynamics."]
     if identification.held_out_judged is None:

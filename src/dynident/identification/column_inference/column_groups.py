@@ -71,8 +71,10 @@ def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Questio
     if positions is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
-    are = "are" if len(names) > 1 else "is"
-    return _ask_to_lock(f"{', '.join(names)} {are} in the robot, but not in the file", dict.fromkeys(names, 0))
+    return _ask_to_lock(
+        f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file",
+        dict.fromkeys(names, 0),
+    )
 
 
 def find_torque_of_most_joints(
@@ -339,17 +341,13 @@ def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str])
 def find_incomplete_groups(
     named: Sequence[ColumnName], joint_names: Sequence[str]
 ) -> list[tuple[ColumnName, dict[int, int]]]:
-    """Return the columns of each signal that most joints have, or several by their names, but not all.
-
-    Each as what the name of its first column says, and the columns by joint.
-    """
+    """Return the first name and the columns by joint of each signal that most joints have, but not all."""
     n = len(joint_names)
     by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     numbered: dict[tuple[str, ...], dict[int, int]] = {}
+    ours = {f"{kind}_{name}": joint for joint, name in enumerate(joint_names) for kind in ("tau", "q")}
     for index, column in enumerate(named):
-        own = next(
-            (joint for joint, name in enumerate(joint_names) if column.name in (f"tau_{name}", f"q_{name}")), None
-        )
+        own = ours.get(column.name)
         hit = _match_joint_name(column.words, joint_names)
         if own is not None:
             by_stem.setdefault(("ours", column.signal or ""), {}).setdefault(own, index)
@@ -362,11 +360,13 @@ def find_incomplete_groups(
         # Joints are counted from 0 or from 1.
         first = 0 if 0 in members else 1
         by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
-    # Of numbers only most say that joints are meant; names say it for as few as two, as of one arm of several.
+    # Of numbers only most say that joints are meant, or that efforts have them, too; names say it for as few as two.
+    groups = [(stem, named[next(iter(members.values()))], members) for stem, members in by_stem.items()]
+    places = [{frozenset(g[2]) for g in groups if g[1].signal in kinds} for kinds in (_POSITIONS, _EFFORTS)]
     return [
-        (named[next(iter(members.values()))], members)
-        for stem, members in by_stem.items()
-        if (n / 2 if stem in numbered else 1) < len(members) < n
+        (first, members)
+        for stem, first, members in groups
+        if (n / 2 if stem in numbered and frozenset(members) not in places[0] & places[1] else 1) < len(members) < n
     ]
 
 

@@ -1,6 +1,6 @@
 """Fit the robot's dynamics to a sample with guessed columns, to confirm or question the guesses.
 
-Holds the fewest rows for a motion (200) and the fewest poses for a gravity fit (10).
+Holds the fewest rows for a motion (200).
 
 The results become guesses and questions of the proposal.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -16,7 +17,6 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError, Remedy
 from dynident.identification.column_inference.metadata_proposal import SURE, Guess, Question, UnitGuess
-from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
@@ -35,9 +35,11 @@ from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
 
-FEWEST_ROWS, FEWEST_POSES = 200, 10
-"""Rows below which a motion is too short to be filtered and fitted; and poses below which gravity is not fitted: a
-six-axis arm has ten parameters of gravity, and six torques a pose."""
+BORNE_OUT = 0.1
+"""Share of the torque that the dynamics may leave unexplained with positions that are taken for the joints'."""
+
+FEWEST_ROWS = 200
+"""Rows below which a motion is too short to be filtered and fitted."""
 
 
 class DynamicsFits:
@@ -112,22 +114,6 @@ class DynamicsFits:
         return unexplained if np.isfinite(unexplained) else None
 
 
-class NoFits(DynamicsFits):
-    """In place of fits of a robot whose base moves: the joints alone do not tell what their torques have to be."""
-
-    def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
-        """Return None: there is no motion that can be fitted."""
-
-
-class PoseFits(NoFits):
-    """Fits of a robot to poses at which it stands, a row each."""
-
-    def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
-        """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
-        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-        return None if good.sum() < FEWEST_POSES else measure_unexplained_at_rest(self.robot, q[good], tau[good])
-
-
 _CLEARLY = 1.25
 """Ratio of the unexplained shares above which one unit for all joints is ruled out."""
 
@@ -200,6 +186,63 @@ def find_units_by_joint(
             )
             return shares, reason, True
     return None
+
+
+_SCALES, _ROUNDS, _LEAST_STEP, _HARDLY_LESS, _OTHER = 12, 30, 0.04, 0.95, 1.5
+"""Scales that are tried for all joints; rounds in which that of each is changed, and the logarithm to which it is
+found; the ratio of what is left that is no progress; and the ratio to one unit for all joints from which on a joint has
+another: gears and encoders of one arm differ by more, if they do."""
+
+
+def find_scales_by_joint(
+    fits: DynamicsFits, q: FloatArray, tau: FloatArray, unit: str
+) -> tuple[dict[int, str], str, bool] | None:
+    """Estimate counts per turn of each joint, where one unit does not explain the torque and counts of their own do.
+
+    Parameters and result are those of `find_units_by_joint`.
+    """
+    turning = np.array([joint.kind == "revolute" for joint in fits.robot.joints])
+    factor, offset = find_conversion("q", "revolute", unit, "q")
+    stated = np.where(turning, q * factor + offset, q)
+
+    def measure(logarithms: FloatArray) -> float:
+        share = fits.measure_unexplained(np.where(turning, stated * np.exp(logarithms), q), tau)
+        return 1.0 if share is None else share
+
+    scales, span = np.zeros(len(turning)), float(np.nanmax(np.ptp(stated[:, turning], axis=0)))
+    # Each trial is a fit: of longer chains there would be too many.
+    if len(turning) > MOST_JOINTS or not 0.0 < span < np.inf:
+        return None
+    as_one = least = measure(scales)
+    are_counts = unit.startswith("counts:")  # any encoder and gear give such, and friction explains wrists with all
+    if as_one < BORNE_OUT and not are_counts:
+        return None
+    for common in np.log(np.geomspace(LEAST_TURN / span, 4.0 * np.pi / span, _SCALES)):
+        if (share := measure(np.full(len(turning), common))) < least:
+            scales, least = np.full(len(turning), common), share
+    if _CLEARLY * least > as_one and not are_counts:
+        return None
+    step = first = np.log(_OTHER)
+    for _ in range(_ROUNDS):
+        before = least
+        for joint, side in product(np.flatnonzero(turning), (step, -step)):
+            tried = scales + side * (np.arange(len(turning)) == joint)
+            if (share := measure(tried)) < least:
+                scales, least = tried, share
+        # Where the first steps do not help, nothing else does: something else is wrong.
+        if step < _LEAST_STEP or (step == first and least > _HARDLY_LESS * as_one):
+            break
+        step *= 0.5 if least > _HARDLY_LESS * before else 1.0
+    if (least >= BORNE_OUT and not are_counts) or _CLEARLY * least > as_one or np.abs(scales[turning]).max() < first:
+        return None
+    counts = [float(f"{2.0 * np.pi / factor / np.exp(scale):.3g}") for scale in scales]
+    units = {int(joint): f"counts:{counts[joint]:.10g}" for joint in np.flatnonzero(turning)}
+    reason = (
+        f"as {unit} the robot's dynamics leave {_write_share(as_one)} of the torque unexplained, and "
+        f"{_write_share(least)} with counts per turn of its own for each joint, as where gears or encoders differ. The "
+        "numbers are estimates: look up the exact ones, the gear ratio times what a turn of the motor counts"
+    )
+    return units, reason, True
 
 
 def _write_share(share: float) -> str:

@@ -30,11 +30,13 @@ from dynident.identification.column_inference.column_statistics import (
     mask_outliers,
     restore_masked,
 )
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits, NoFits, PoseFits
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Proposal, Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
     TOGETHER,
+    NoFits,
+    PoseFits,
     add_base_columns,
     are_columns_poses,
     ask_about_file,
@@ -421,7 +423,10 @@ class _ColumnInference(WorkingProposal):
             torque = self.take_servo_law(self.fits, effort, q)
             self._check_against_dynamics(q, torque, effort, in_si=None not in gains)
             return kind
-        named = effort.signal
+        named, columns = effort.signal, [*effort.columns]
+        if named == "tau" and max(columns) < len(self.column_names):
+            tau, unit = of_units.convert_mixed_torques(tau, [self.column_names[column].unit for column in columns])
+            effort = replace(effort, unit=unit or effort.unit)
         reach = of_units.compute_reach(self.robot)
         torque_unit = of_units.guess_torque_unit(self.robot, tau, None if named == "current" else effort.unit, reach)
         current = of_units.guess_current_unit(tau, gains, self.robot, effort.unit if named == "current" else None)
@@ -457,7 +462,8 @@ class _ColumnInference(WorkingProposal):
                 # The size of the torques depends on the gains, so it is asked together with them.
                 self.questions.append(question)
                 in_si = False
-        self._check_against_dynamics(q, tau * self.get_factors_to_si(signal, gains), effort, in_si=in_si)
+        tau = self.values[:, columns] * self.get_factors_to_si(signal, gains)
+        self._check_against_dynamics(q, tau, effort, in_si=in_si)
         return kind
 
     def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:

@@ -10,11 +10,12 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import Remedy
+from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName, read_names
 from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits, find_units_by_joint
+from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_servo_gains
 from dynident.recordings.columns_to_signals import NOT_RECORDED, compute_servo_error
@@ -25,8 +26,6 @@ from dynident.robot import Robot
 
 _FOLLOWED = 0.5
 """Share of the variance of the positions, above which what commands are ahead of them shows that no joint follows."""
-_BORNE_OUT = 0.1
-"""Share of the torque that the dynamics may leave unexplained with positions that are taken for the joints'."""
 
 
 @dataclass
@@ -221,12 +220,12 @@ class WorkingProposal:
             )
             guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
         n_columns = len(self.column_names)
-        for index, joint in enumerate(self.robot.joints):
-            mixed = len({other.kind for other in self.robot.joints}) > 1
+        stated = [self.column_names[column].unit if column < n_columns else None for column in effort.columns]
+        mixed = len({other.kind for other in self.robot.joints}) > 1 or len(set(stated)) > 1
+        for index, (joint, own) in enumerate(zip(self.robot.joints, stated, strict=True)):
             if mixed or index == 0:
                 # A force of the same size: N for N m, unless the column itself states a unit.
                 unit = guess.unit.partition(" ")[0] if joint.kind == "prismatic" else guess.unit
-                own = self.column_names[effort.columns[index]].unit if effort.columns[index] < n_columns else None
                 unit = own if mixed and own in FACTORS["tau", joint.kind] else unit
                 key = f"tau{index + 1}" if mixed else "tau"
                 self.take_unit(
@@ -264,13 +263,15 @@ class WorkingProposal:
         known = {index: unit for index, unit in stated.items() if unit in FACTORS["q", "revolute"]}
         if len(known) == len(joints) and len(set(known.values())) > 1:
             return {index: of_units.UnitGuess(unit, 0.99, f"its name says {unit}") for index, unit in known.items()}
-        if turned is None or known or turned.unit not in ("rad", "deg") or turned.confidence < of_units.SURE:
+        if turned is None or known:
             return {}
-        other = find_units_by_joint(fits, q, tau, turned.unit)
+        is_sure = turned.unit in ("rad", "deg") and turned.confidence >= of_units.SURE
+        other = dynamics_fits.find_units_by_joint(fits, q, tau, turned.unit) if is_sure else None
+        other = other or dynamics_fits.find_scales_by_joint(fits, q, tau, turned.unit)
         if other is None:
             return {}
-        units, reason, is_of_shares = other
-        if is_of_shares:
+        units, reason, is_estimate = other
+        if is_estimate:
             remedy = Remedy("units", {f"q{index + 1}": unit for index, unit in units.items()})
             detail = f"In which unit are the positions? {reason}: {remedy}."
             self.questions.append(Question("units/q", detail, remedies=(remedy,)))
@@ -292,7 +293,7 @@ class WorkingProposal:
         """
         factor, offset = find_conversion("q", "revolute", guess.unit, "q")
         unexplained = fits.measure_unexplained(q * factor + offset, tau)
-        if unexplained is not None and unexplained < _BORNE_OUT:
+        if unexplained is not None and unexplained < BORNE_OUT:
             return guess
         reason = (
             "they are called positions of motors, and as angles of the joints they do not go with the torques: if "

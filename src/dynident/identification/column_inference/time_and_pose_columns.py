@@ -19,11 +19,13 @@ from dynident.identification.column_inference.column_statistics import (
     is_counter,
     read_clock,
 )
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
+from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.number_format import format_percent
+from dynident.recordings import Recording
 from dynident.recordings.base_motion import QUATERNION, find_base_columns, find_reactions
 from dynident.recordings.pose_recordings import are_poses
 from dynident.recordings.recording_metadata import EffortKind, RecordingError, RecordingMetadata
@@ -37,7 +39,26 @@ _MOST_COLUMNS = 200
 """Columns of a file beyond which, if its rows are fewer, each row is a signal: twelve joints with a dozen signals each
 have 150."""
 
+FEWEST_POSES = 10
+"""Poses below which gravity is not fitted: a six-axis arm has ten parameters of gravity, and six torques a pose."""
+
 TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
+
+
+class NoFits(DynamicsFits):
+    """In place of fits of a robot whose base moves: the joints alone do not tell what their torques have to be."""
+
+    def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
+        """Return None: there is no motion that can be fitted."""
+
+
+class PoseFits(NoFits):
+    """Fits of a robot to poses at which it stands, a row each."""
+
+    def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
+        """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
+        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        return None if good.sum() < FEWEST_POSES else measure_unexplained_at_rest(self.robot, q[good], tau[good])
 
 
 def guess_clock(work: WorkingProposal) -> Clock | None:
@@ -164,14 +185,14 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
                 f"32 bits. If the rows are evenly spaced, state their rate: {remedy}."
             )
             return Question("columns/t", detail, remedies=(remedy,))
-        if 2 * len(ticks) > len(t):
+        if len(ticks) > _MOST_TICKED * len(t):
             continue
         unit = name.unit or "s"
         # Between the first and the last change every row is counted once.
         rate = (ticks[-1] - ticks[0]) / ((t[ticks[-1]] - t[ticks[0]]) * CLOCK_FACTORS.get(unit, 1.0))
         remedy = Remedy("rate", float(f"{rate:.4g}"))
         detail = (
-            f"{name.name} stays the same for {(ticks[-1] - ticks[0]) / (len(ticks) - 1):.0f} rows at a time: it is too "
+            f"{name.name} stays the same for {(ticks[-1] - ticks[0]) / (len(ticks) - 1):.2g} rows at a time: it is too "
             f"coarse to say when each row was recorded. On average these are {rate:.4g} rows a second (with "
             f"{name.name} in {unit}). If the rows are evenly spaced, state their rate: {remedy}."
         )
@@ -179,8 +200,8 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
     return None
 
 
-_FEWEST_TICKS = 4
-"""Changes of a coarse clock by which the rate of the rows is told."""
+_FEWEST_TICKS, _MOST_TICKED = 4, 0.9
+"""Changes of a coarse clock by which the rate of the rows is told; and the share of rows at which it may change."""
 
 
 def are_columns_poses(work: WorkingProposal) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits
+from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import SURE, UnitGuess
 from dynident.number_format import format_percent
 from dynident.recordings.recording import JointKind
@@ -101,6 +101,8 @@ def guess_counts_unit(
         ]
         reason += f"; the robot's dynamics leave {', '.join(shares)}"
     sure = len(alike) == 1 and unexplained.get(unit, 1.0) < _EXPLAINED_BY_COUNTS
+    if not sure:
+        reason += "; where gears or encoders differ, each joint has its own, q1=counts:N and so on, of the controller"
     return UnitGuess(unit, 0.9 if sure else 0.5, reason, tuple(alike[:_MOST_ASKED]))
 
 
@@ -155,6 +157,7 @@ __all__ = [
     "SURE",
     "UnitGuess",
     "compute_reach",
+    "convert_mixed_torques",
     "get_factor",
     "guess_current_unit",
     "guess_position_unit",
@@ -243,8 +246,13 @@ def guess_position_unit(
         if clear and len(unexplained) == len(likely):
             # Angles of motors are many times those of the joints, and look like a small unit.
             motors = "; if they are angles of the motors, in front of the gears, divide them by the gear ratios"
-            reason = f"as {best} the robot's dynamics explain the torque best{motors if best == 'mrad' else ''}"
-            return UnitGuess(best, 0.6, reason)
+            reason = (
+                f"as {best} the robot's dynamics leave least of the torque unexplained, "
+                f"{format_percent(unexplained[best], decimals=0)}{motors if best == 'mrad' else ''}"
+            )
+            # Angles of motors with another gear on each leave much; turns of the joints are borne out, or are not.
+            sure = best == "rev" and unexplained[best] < BORNE_OUT
+            return UnitGuess(best, 0.9 if sure else 0.6, reason, (best, *usual))
     if len(usual) == 1:
         ranges = (
             f"the largest range of motion is then {np.rad2deg(reach * get_factor('q', 'revolute', usual[0])):.0f} deg"
@@ -429,6 +437,22 @@ def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: 
             possible[0], 0.92, f"its largest value, {most:.4g}, is plausible for a robot of this size in {possible[0]}"
         )
     return UnitGuess(base, 0.4, f"its largest value is {most:.4g}; {' or '.join(possible) or 'no unit'} is possible")
+
+
+def convert_mixed_torques(tau: FloatArray, units: Sequence[str | None]) -> tuple[FloatArray, str | None]:
+    """Return torques in N m where their names state several units, else as they are; and their unit, if it is known.
+
+    Parameters
+    ----------
+    tau : (m, n)
+        Torques of revolute joints as the file has them.
+    units : sequence of str or None
+        What the name of each column says.
+    """
+    known: dict[str, float] = FACTORS["tau", "revolute"]
+    if len(set(units)) == 1 or not all(unit in known for unit in units):
+        return tau, units[0] if len(set(units)) == 1 else None
+    return tau * [known[unit] for unit in units if unit is not None], "N m"
 
 
 def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robot, stated: str | None) -> UnitGuess:

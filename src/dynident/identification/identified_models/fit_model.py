@@ -29,7 +29,7 @@ from dynident.identification.identified_models.identification_result import (
 )
 from dynident.identification.shape_constant_intervals import judge_shape_constants, linearise_shapes
 from dynident.identification.shape_refinement import build_shape_columns, list_shape_variables
-from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, find_bodies
 from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
 from dynident.identification.thresholds import (
     DETERMINED,
@@ -40,6 +40,7 @@ from dynident.identification.thresholds import (
 from dynident.number_format import format_percent
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import reduce_with_columns
@@ -54,6 +55,10 @@ OF_COMMANDS = (
 
 _MISFIT = 0.2
 """Share of the torque left by the fit, above which the data are doubted; sound arms leave 3 to 15 %."""
+
+_FELT, _OF_LOAD = 1e-9, 0.3
+"""Of the parameters of a load: the relative size below which the motion does not show one; and the share of the
+held-out error up to which it may leave what it explains."""
 
 _MOST_NAMED = 12
 """Uncertain parameters that are named; the others are counted."""
@@ -229,12 +234,52 @@ def _warn_of_overfit(identification: Identification) -> list[str]:
         ]
     # A model may fit noise as well. Held-out data show it, because their noise is another.
     if held_out.relative_total > OVERFIT * fit.relative_total:
+        reason = _describe_other_load(identification, held_out.relative_total) or (
+            "the data do not determine the model, or the validation motion shows effects that the identification "
+            "motion did not show, such as another load."
+        )
         return [
             f"The error on validation data is {format_percent(held_out.relative_total, decimals=1)}, but "
-            f"{format_percent(fit.relative_total, decimals=1)} in the fit: the data do not determine the model, or the "
-            "validation motion shows effects that the identification motion did not show, such as another load."
+            f"{format_percent(fit.relative_total, decimals=1)} in the fit: {reason}"
         ]
     return []
+
+
+def _describe_other_load(identification: Identification, error: float) -> str:
+    """Say what other load the held-out recordings carry; "" where no load explains most of their error.
+
+    A load changes the ten parameters of the last link alone, so that few numbers have to explain all joints' torques.
+    """
+    data, model, values = identification.data.held_out, identification.model, identification.values
+    if data is None:
+        return ""
+    inner = {joint.parent for joint in model.robot.joints}
+    reach = sum(float(np.linalg.norm(joint.placement[:3, 3])) for joint in model.robot.joints)
+    links = {name for place, name in enumerate(model.robot.joint_names) if place not in inner}
+    for body in find_bodies(model.columns):
+        if body.link not in links or model.robot.linkage is not None:
+            continue
+        change = model.base.grouping[:, body.columns]
+        parts, residuals = [], []
+        for equation, sigma in zip(data.equations, identification.estimate.noise, strict=True):
+            rows = equation.whole_factor / (sigma or 1.0)
+            parts.append(rows[:, :-1] @ change[equation.columns])
+            residuals.append(rows[:, -1] - rows[:, :-1] @ values[equation.columns])
+        observed = np.concatenate(parts)
+        sizes = np.maximum(np.linalg.norm(observed, axis=0), np.finfo(float).tiny)
+        load = np.linalg.lstsq(observed / sizes, np.concatenate(residuals), rcond=_FELT)[0] / sizes
+        left = compute_moving_errors(data, values + change @ load).relative_total
+        # Mass and centre have to be a body's: any ten numbers explain some of any error.
+        mass, centre = float(load[-1]), float(np.linalg.norm(load[6:9]))
+        if left > _OF_LOAD * error or not abs(mass) > 0.0 or centre > reach * abs(mass):
+            continue
+        more = "more" if mass > 0.0 else "less"
+        return (
+            f"the validation recording carries something else. A load on {body.link} of {abs(mass):.2g} kg {more} than "
+            f"in the fit leaves {format_percent(left, decimals=1)}. Validate with the load of the fit, or identify "
+            "with the one that the model is for."
+        )
+    return ""
 
 
 def _warn_of_friction_signs(identification: Identification) -> list[str]:

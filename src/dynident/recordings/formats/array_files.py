@@ -231,13 +231,9 @@ class ArrayFileSource(FileSource):
                 f"The file holds {len(runs)} runs with the same signals: they are read one behind another, each as a "
                 f"segment of its own{_describe_left_out(left_out, 'not every run has a value of in each row')}.",
             )
-        elif (joined := _join_clocks(arrays))[0]:
-            labelled = _name_by_labels(joined[0])
-            left_out = [array.label or array.name for array in joined[1]]
-            self.own_remarks = (
-                "Groups of arrays have times of their own: they are read at those of the longest, on a straight line "
-                f"between two samples{_describe_left_out(left_out, 'has no time')}.",
-            )
+        else:
+            joined, self.own_remarks = _join_clocks(arrays)
+            labelled = _name_by_labels(joined) if joined else labelled
         arrays = [array for array in labelled if max(array.shape) >= FEWEST_ROWS]
         if not arrays:
             raise RecordingError(_describe_no_arrays(deep), title=TITLE)
@@ -371,10 +367,10 @@ _SAME, _SHARED = 0.01, 0.5
 equal length have in common: otherwise they count in different units or from different moments."""
 
 
-def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], list[StoredArray]]:
-    """Return arrays of groups with different clocks at the times of the longest, and those that have no time.
+def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], tuple[str, ...]]:
+    """Return arrays of groups with different clocks at the times of the longest, and a remark.
 
-    Nothing is returned where there is one clock, or the arrays without a time are most of the file.
+    Nothing is joined where there is one clock, or the arrays without a time are most of the file.
     """
     arrays = [array for array in arrays if max(array.shape) >= FEWEST_ROWS]
     clocks = {
@@ -390,14 +386,14 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], list
         (groups.setdefault(max(around, key=len), []) if around else outside).append(array)
     timed = {group: max(clock.shape) for group, clock in clocks.items()}
     if len(timed) < 2 or (outside and _find_length(arrays) not in timed.values()):
-        return [], []
+        return [], ()
     main = max(reversed(timed), key=lambda group: timed[group])
     main_clock = clocks[main]
     joined = [array for array in (*groups[main], *outside) if timed[main] in array.shape]
     # What is read at other times is held in memory, and all clocks are.
     n_held = timed[main] + sum(math.prod(own.shape) for group in groups if group != main for own in groups[group])
     if 8 * n_held > MOST_UNPACKED:
-        return [], []
+        return [], ()
     t = _read_clock(main_clock)
     is_one = True
     for group, clock in clocks.items():
@@ -405,12 +401,23 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], list
         is_as_long = len(own) == len(t)
         shared = min(own[-1], t[-1]) - max(own[0], t[0])
         least = _SHARED * max(np.ptp(own), np.ptp(t)) if is_as_long else 0.0
-        if not (np.diff(own) > 0.0).all() or not shared >= least:
-            return [], []
+        if not (np.diff(own) > 0.0).all():
+            return [], ()
+        if not shared >= least:
+            apart = (
+                f"The times of {main} and {group} have less than half of their span in common, and equally many rows: "
+                "they are read side by side, row by row. Is that wrong, give them as files of their own.",
+            )
+            return [], apart
         is_one &= is_as_long and bool(np.abs(own - t).max() <= _SAME * np.median(np.diff(t)))
         members = [array for array in groups[group] if array is not clock and timed[group] in array.shape]
         joined += [_resample(array, own, t) for array in members if group != main]
-    return ([], []) if is_one else (joined, [array for array in outside if timed[main] not in array.shape])
+    left_out = [array.label or array.name for array in outside if timed[main] not in array.shape]
+    remark = (
+        "Groups of arrays have times of their own: they are read at those of the longest, on a straight line between "
+        f"two samples{_describe_left_out(left_out, 'has no time')}."
+    )
+    return ([], ()) if is_one else (joined, (remark,))
 
 
 def _read_clock(clock: StoredArray) -> FloatArray:
@@ -486,9 +493,7 @@ def _find_length(arrays: Sequence[StoredArray]) -> int:
 
 def _find_prefix(names: Sequence[str]) -> str:
     """Return the group that all arrays are in, which says nothing."""
-    if len(names) < 2:
-        return ""
-    shortest = min(names, key=len)
+    shortest = min(names, key=len) if len(names) > 1 else ""
     for cut in range(len(shortest), 0, -1):
         if shortest[cut - 1] in "./" and all(name.startswith(shortest[:cut]) for name in names):
             return shortest[:cut]

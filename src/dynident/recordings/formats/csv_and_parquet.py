@@ -286,8 +286,9 @@ class CsvFileSource(FileSource):
         # Arrow stops at the first cell that is no number: columns with words are read as text.
         words = self._worded | self.texts.keys()
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
+        text = self._open_text()
         with pacsv.open_csv(
-            self._open_text(),
+            text,
             read_options=pacsv.ReadOptions(
                 column_names=list(dialect.names),
                 skip_rows=dialect.lines_before_data,
@@ -302,8 +303,13 @@ class CsvFileSource(FileSource):
                 decimal_point=dialect.decimal_point,
             ),
         ) as reader:
-            for batch in reader:
-                yield self._parse_word_columns(batch) if self._worded.intersection(columns) else batch
+            try:
+                for batch in reader:
+                    yield self._parse_word_columns(batch) if self._worded.intersection(columns) else batch
+            finally:
+                # Arrow reads ahead in a thread, which may not call Python as that ends: the text ends here.
+                if isinstance(text, io.BufferedReader) and isinstance(text.raw, RewrittenText):
+                    text.raw.is_ended = True
 
     def _parse_word_columns(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Return the batch with numbers in columns with words; a word is a missing value."""

@@ -223,3 +223,44 @@ class _NumberMarker:
             return np.frombuffer(bytes([0x11 * (self._which + 1)]) * 4, dtype=np.float32)[0]
         width = {"int16": 2, "uint16": 2}.get(kind, 1)
         return int.from_bytes(bytes([_OTHER_MARKS[self._which]]) * width, "little")
+
+
+_FIELDS_OF_JOINTS = {1: ("position",), 2: ("numbers1", "numbers2"), 3: ("position", "velocity", "effort")}
+"""Arrays of a message of joint states by their number; of two it is not said which are left empty."""
+
+
+def name_message_columns(words: Sequence[Sequence[str | None]]) -> tuple[str, ...] | None:
+    """Name the columns of joint states without a line of names, as `ros2 topic echo --csv` writes them.
+
+    A row has the stamp's seconds and nanoseconds, the frame, the joints' names, and their positions, velocities and
+    efforts.
+
+    Parameters
+    ----------
+    words : sequence of sequences
+        The cells of the first two rows; None for a number.
+
+    Returns
+    -------
+    tuple of str or None
+        None for other files.
+    """
+    if len(words) < 2 or len(words[0]) != len(words[1]):
+        return None
+    # Names of joints are the same in every row, and there are fewer of them than of numbers.
+    if words[0] != words[1] or sum(map(bool, words[0])) * 2 > len(words[0]):
+        return None
+    places = [place for place, cell in enumerate(words[0]) if cell]
+    if not places or places != list(range(places[0], places[-1] + 1)):
+        return None
+    # The frame stands before the joints' names: a word of its own, or an empty cell.
+    begin = places[0] if places[0] and words[0][places[0] - 1] == "" else places[0] + 1
+    n = places[-1] + 1 - begin
+    arrays = _FIELDS_OF_JOINTS.get((len(words[0]) - places[-1] - 1) // n) if n > 0 else None
+    joints = set(words[0][begin : places[-1] + 1])
+    if arrays is None or len(joints) < n or (len(words[0]) - places[-1] - 1) % n or begin < 2:
+        return None
+    before = [f"column{place + 1}" for place in range(begin - 1)]
+    if begin == 3:
+        before = ["sec", "nanosec"]
+    return (*before, "frame", *(f"{name}{joint + 1}" for name in ("name", *arrays) for joint in range(n)))

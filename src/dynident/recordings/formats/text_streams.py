@@ -117,11 +117,12 @@ class _DecompressedStream(ProducedStream):
 
 _READ_BYTES = 1 << 18
 _LIST = re.compile(
-    r'(?P<before>^|[,;\t|])[ ]*"?(?:[A-Za-z.]+\()?[\[(](?P<items>[^\[\]()]*)[\])](?:\s*,[^\[\]()"]*\))?\)?"?'
+    r'(?P<before>^|[,;\t|])[ ]*"?(?:[A-Za-z.]+\()?[\[({](?P<items>[^\[\](){}]*)[\])}](?:\s*,[^\[\]()"]*\))?\)?"?'
     r"(?=[ ]*(?:[,;\t|]|\r?$))",
     re.MULTILINE,
 )
-"""A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `[0.1 0.2]` over several lines, `array([0.1, 0.2])`."""
+"""A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `{0.1, 0.2}`, `[0.1 0.2]` over several lines,
+`array([0.1, 0.2])`."""
 _BETWEEN = re.compile(r"[\s,;]+")
 _MARK = "\1"
 _TRIES = 64
@@ -366,6 +367,30 @@ def keep_numbers(text: str) -> str:
     return "\n".join([*lines, ""])
 
 
+_PLOTTED = re.compile(
+    r"(?m)^>?([A-Za-z_][\w. /-]*):(\d+(?:\.\d+)?):([+-]?[\d.]+(?:[eE][+-]?\d+)?)(?:§[^|\n]*)?(?:\|\w*)?\r?$"
+)
+"""A line of a plotter of values, `>q1:1700000000123:0.12`: a name, a time and a value."""
+
+
+def separate_plotted(text: str) -> str:
+    """Return lines that a plotter takes as rows of time, name and value; others are empty."""
+    return "".join(f"{row[2]},{row[1]},{row[3]}\n" for row in _PLOTTED.finditer(text))
+
+
+LineForm = tuple[tuple[str, ...], Callable[[str], str], str]
+
+
+def find_line_form(lines: list[str]) -> LineForm | None:
+    """Return the columns of lines that are no table, what makes one of them, and a remark on it; None of tables."""
+    if has_labelled_numbers(lines):
+        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
+        return name_labelled_numbers(lines[-1]), keep_numbers, remark
+    if _is_in_most_lines(_PLOTTED, "\n".join(lines)):
+        return ("time", "variable", "value"), separate_plotted, "Each line is a name, a time and a value of it."
+    return None
+
+
 _LABELLED_LINES = 50
 
 
@@ -392,10 +417,12 @@ class RewrittenText(ProducedStream):
         self._file, self._rewrite = file, rewrite
         self._decode = codecs.getincrementaldecoder(encoding)(errors="replace").decode
         self._waiting, self._ready = "", b""
-        self._at_end = False
+        self._at_end = self.is_ended = False
 
     def read_part(self, size: int) -> bytes:
-        """Return the next bytes of the rewritten text."""
+        """Return the next bytes of the rewritten text; none once it is said to end."""
+        if self.is_ended:
+            return b""
         while not self._ready and not self._at_end:
             self._read_more()
         part, self._ready = self._ready[:size], self._ready[size:]
