@@ -275,7 +275,7 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
     measure = build_measure(request, state.region, identification)
     if measure is None:
         return PlannedRun(design, None)
-    uncertain = predict_errors(identification, measure, design, state.seconds)
+    uncertain = predict_errors(identification, measure, design, state.recordings[-1])
     return PlannedRun(design, np.hypot(uncertain, state.runs[-1].lacking))
 
 
@@ -484,7 +484,8 @@ def _predict_end(state: CampaignState, measure: ErrorMeasure, planned: PlannedRu
     """Return the errors (k,) once the last motion was repeated for all the time that is left."""
     assert state.identification is not None
     repetitions = state.seconds_left / planned.design.duration
-    parameters = predict_errors(state.identification, measure, planned.design, state.seconds, repetitions)
+    last = state.recordings[-1]
+    parameters = predict_errors(state.identification, measure, planned.design, last, repetitions)
     return np.hypot(parameters, state.runs[-1].lacking)
 
 
