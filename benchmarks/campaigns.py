@@ -4,8 +4,7 @@
     python benchmarks/campaigns.py --load 0.02 [--arms scara,ur10] [--seeds 4]
 
 Each campaign has links of its own (10 % off the description) and friction of usual size. The true error is that of the
-identified model's torque over the region of the goal, against the arm's own torque. An arm is one of the library, or
-one of example-robot-data: xarm7, z1.
+identified model's torque over the region of the goal, against the arm's own torque.
 
 With --rivals, three others make as many runs as the campaign, or until they are at the goal twice as many: a design of
 the whole length for the predicted torque, random motions, and a design by the condition number that is repeated. They
@@ -19,7 +18,6 @@ within a tenth as many m; the load is the usual one of each arm.
 from __future__ import annotations
 
 import argparse
-import sysconfig
 import tempfile
 import time
 from dataclasses import dataclass, field, replace
@@ -49,7 +47,6 @@ from dynident.text_and_html_tables import format_text_table
 
 LINK_SPREAD = 0.1
 RIVALS = ("one design", "random", "repeated")
-FURTHER_ARMS = {"xarm7": "xarm_description/urdf/xarm7.urdf", "z1": "z1_description/urdf/z1.urdf"}
 HIDDEN = ("stribeck", "torque_ripple", "joint_spring", "coulomb_asymmetric", "load_dependent_friction", "presliding")
 
 
@@ -57,9 +54,7 @@ class VirtualArm:
     """An arm with links and effects of its own, which follows designs and knows its true torque."""
 
     def __init__(self, name: str, seed: int, hidden: str = "") -> None:
-        folder = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
-        self.robot = dy.load_robot(str(folder / FURTHER_ARMS[name]) if name in FURTHER_ARMS else name)
-        self.seed = seed
+        self.robot, self.seed = dy.load_robot(name), seed
         rng = np.random.default_rng([seed, len(name)])
         n_links = len(self.robot.inertias)
         self.inertias = self.robot.inertias * (1 + LINK_SPREAD * rng.standard_normal((n_links, 1)))
