@@ -17,7 +17,7 @@ from support.oracles import pinocchio_torque
 from typer.testing import CliRunner
 
 import dynident as dy
-from dynident.advice.campaign import add_run, decide, plan_run, start_campaign
+from dynident.advice.campaign import PlannedRun, _predict_end, add_run, decide, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.advice.payload_goal import PayloadErrors
 from dynident.advice.prediction_error import (
@@ -154,6 +154,16 @@ def test_a_promise_counts_the_whole_motion_but_what_filters_take_from_its_ends()
     waited = predict_errors(state.identification, rows, longer, last)
     assert (waited < promised).all()
     assert (waited > 0.5 * promised).all()
+
+
+def test_a_poor_last_motion_does_not_bound_what_the_time_that_is_left_brings():
+    _, state, following = first_run()
+    rows = compute_region_rows(state.identification, state.region)
+    design = following.design
+    still = replace(design, q=np.tile(design.q[:1], (len(design.t), 1)), dq=0 * design.dq, ddq=0 * design.ddq)
+    at_end = _predict_end(state, rows, PlannedRun(still, None))
+    now = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + state.seconds_left))
+    assert at_end == pytest.approx(np.hypot(now, state.runs[-1].lacking))
 
 
 def test_a_joint_that_stuck_at_its_reversals_is_expected_to_stick_at_those_of_the_next_motion():
