@@ -486,7 +486,7 @@ def _predict_end(state: CampaignState, measure: ErrorMeasure, planned: PlannedRu
     repetitions = state.seconds_left / planned.design.duration
     again = predict_errors(state.identification, measure, planned.design, state.recordings[-1], repetitions)
     all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + state.seconds_left))
-    return np.hypot(np.minimum(again, all_again), state.runs[-1].lacking)
+    return np.asarray(np.hypot(np.minimum(again, all_again), state.runs[-1].lacking))
 
 
 def _describe_promise(run: CampaignRun, names: tuple[str, ...]) -> str:
