@@ -1,11 +1,14 @@
 """Campaigns on virtual arms: robot time until the true error is at the goal, promises, decisions, hidden effects.
 
-    python benchmarks/campaigns.py [--arms scara,ur10] [--seeds 4] [--goal 0.02] [--minutes 3] [--hidden] [--mujoco]
+    python benchmarks/campaigns.py [--arms scara,xarm7] [--seeds 4] [--goal 0.02] [--hidden] [--mujoco] [--rivals]
     python benchmarks/campaigns.py --load 0.02 [--arms scara,ur10] [--seeds 4]
 
 Each campaign has links of its own (10 % off the description) and friction of usual size. The true error is that of the
-identified model's torque over the region of the goal, against the arm's own torque. The rivals get the same robot time:
-one run of a design by the condition number, and random motions, each of as many periods as fit.
+identified model's torque over the region of the goal, against the arm's own torque.
+
+With --rivals, three others make as many runs as the campaign, or until they are at the goal twice as many: a design of
+the whole length for the predicted torque, random motions, and a design by the condition number that is repeated. They
+know the effects of the campaign's last model, and need no slow first run.
 
 With --mujoco, another engine moves the arm, with joints that stick, and says its true torque: nothing of the program
 under test but the description is in it. With --load, the goal is a load's mass to within so many kg, and its centre to
@@ -16,7 +19,8 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import replace
+import time
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import common  # noqa: F401  (pins the threads of linear algebra before numpy is imported)
@@ -30,7 +34,7 @@ from dynident.advice.campaign import add_run, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.advice.payload_goal import select_payload_errors
 from dynident.effects import LINKS, ReferenceParameters, Signals, build_columns
-from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
+from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import identify
 from dynident.number_format import format_percent
 from dynident.regressors.observation_matrix import Observation
@@ -42,6 +46,7 @@ from dynident.simulation.true_effects import build_typical_effect, list_drive_ef
 from dynident.text_and_html_tables import format_text_table
 
 LINK_SPREAD = 0.1
+RIVALS = ("one design", "random", "repeated")
 HIDDEN = ("stribeck", "torque_ripple", "joint_spring", "coulomb_asymmetric", "load_dependent_friction", "presliding")
 
 
@@ -169,27 +174,125 @@ def measure_loads(asked: argparse.Namespace, design: DesignRequest) -> None:
 
 
 def run_campaign(arm: VirtualArm, request: CampaignRequest):
-    """Return the state at the end, and (robot minutes, promised, achieved, true error) of each run."""
+    """Return the state at the end, and of each run: robot minutes, the run, true errors, seconds of ask and tell."""
     state, history = start_campaign(arm.robot, request), []
     while not state.decision.is_end:
+        start = time.process_time()
         planned = plan_run(state)
-        state = add_run(state, arm.record(planned.design, len(state.runs) + 1), planned)
-        run, true = state.runs[-1], arm.compute_true_error(state.identification, state.region)
-        history.append((state.seconds / 60, run, true))
+        asked = time.process_time()
+        recording = arm.record(planned.design, len(state.runs) + 1)
+        moved = time.process_time()
+        state = add_run(state, recording, planned)
+        seconds = asked - start, time.process_time() - moved
+        true = arm.compute_true_error(state.identification, state.region)
+        history.append((state.seconds / 60, state.runs[-1], true, seconds))
     return state, history
 
 
 def run_rival(arm: VirtualArm, state, kind: str):
-    """Return the true error of a model from one motion of a kind, as long as the campaign."""
-    trajectory = state.request.design.trajectory
-    periods = max(1, int(state.seconds // trajectory.duration))
-    request = replace(
-        state.request.design, kind=kind, random_trajectories=1 if kind == "random" else 100,
-        trajectory=replace(trajectory, periods=periods), effects=state.identification.model.effects,
-    )  # fmt: skip
-    recording = arm.record(design_experiment(arm.robot, request), 900 + len(kind))
-    choices = replace(state.request.choices, effects=state.identification.model.effects)
-    return arm.compute_true_error(identify(arm.robot, [recording], (), choices), state.region)
+    """Return robot minutes and the largest true error after each run of a rival, until twice the campaign's runs."""
+    request, effects = state.request.design, state.identification.model.effects
+    choices = replace(state.request.choices, effects=effects)
+    request = replace(request, effects=effects)
+    if kind == "random":
+        request = replace(request, kind="random", random_trajectories=1)
+    if kind == "one design":
+        request = replace(request, criterion=CriterionChoice("prediction"))
+    recordings, minutes, history = [], 0.0, []
+    for k in range(2 * len(state.runs)):
+        if kind == "one design":
+            request = replace(request, trajectory=replace(request.trajectory, periods=k + 1))
+        if kind != "repeated" or k == 0:
+            region = state.region if kind == "one design" else None
+            design = design_experiment(arm.robot, replace(request, seed=request.seed + k), region=region)
+        recording = arm.record(design, 100 * (1 + RIVALS.index(kind)) + k)
+        minutes, recordings = (
+            (design.duration / 60, [recording])
+            if kind == "one design"
+            else (minutes + design.duration / 60, [*recordings, recording])
+        )
+        true = arm.compute_true_error(identify(arm.robot, recordings, (), choices), state.region)
+        history.append((minutes, float(true.max())))
+        if k + 1 >= len(state.runs) and history[-1][1] <= state.request.error:
+            break
+    return history
+
+
+def find_goal(history, goal: float) -> float:
+    """Return the robot minutes after which the true error stays at the goal; infinite where it does not."""
+    minutes = np.inf
+    for at, error in reversed(history):
+        if error > goal:
+            break
+        minutes = at
+    return minutes
+
+
+def print_curves(curves, goal: float) -> None:
+    """Print the true error over robot time of the campaigns and their rivals, and when each is at the goal."""
+    rows = []
+    for kind, histories in curves.items():
+        for k in range(max(map(len, histories))):
+            reached = [history[k] for history in histories if len(history) > k]
+            minutes, errors = np.array(reached).T
+            low, middle, high = np.quantile(errors, (0.25, 0.5, 0.75))
+            rows.append([
+                kind, str(k + 1), str(len(reached)), f"{np.median(minutes):.2f}",
+                *(format_percent(float(error)) for error in (middle, low, high)),
+            ])  # fmt: skip
+    heads = ["who", "run", "arms", "minutes", "true error: median", "lower quartile", "upper quartile"]
+    print(format_text_table("True error over robot time", heads, rows, len(rows), right_from=1))
+    own = np.array([find_goal(history, goal) for history in curves["campaign"]])
+    for kind in RIVALS:
+        other = np.array([find_goal(history, goal) for history in curves[kind]])
+        print(
+            f"{kind}: at the goal after {np.median(other):.2f} min (median), the campaign after {np.median(own):.2f}; "
+            f"never within twice its runs: {np.isinf(other).sum()} of {len(other)}"
+        )
+
+
+@dataclass
+class Tally:
+    """What campaigns promised and said, against the truth."""
+
+    goal: float
+    ratios: list[float] = field(default_factory=list)
+    reached: list[bool] = field(default_factory=list)
+    beyond: list[bool] = field(default_factory=list)
+    named: list[bool] = field(default_factory=list)
+    seconds: list[tuple[float, float]] = field(default_factory=list)
+
+    def add(self, arm: VirtualArm, state, history) -> None:
+        """Take in a campaign that is over."""
+        for _, run, _, seconds in history:
+            self.seconds.append(seconds)
+            if run.promised is not None and not run.is_changed:
+                self.ratios.append(float(run.errors.max() / run.promised.max()))
+        is_true = bool(history[-1][2].max() <= self.goal)
+        if state.decision.code == "reached":
+            self.reached.append(is_true)
+        if state.decision.code == "not_reachable":
+            self.beyond.append(not is_true)
+        if arm.hidden is not None:
+            hidden = arm.hidden.choice
+            found = [c for c in state.identification.model.effects if c.effect == hidden.effect]
+            self.named.append(any(not c.joints or set(hidden.joints) & set(c.joints) for c in found))
+
+    def print(self) -> None:
+        """Print the shares of what was true."""
+        within = np.mean([1 / 1.3 <= ratio <= 1.3 for ratio in self.ratios]) if self.ratios else np.nan
+        print(
+            f"achieved / promised: median {np.median(self.ratios):.2f}, within 1.3: {within:.0%} of {len(self.ratios)}"
+        )
+        for words, found in (
+            ("said reached, and the true error is at the goal", self.reached),
+            ("said not to be reached, and the true error is above the goal", self.beyond),
+            ("hidden effect in the model at the end", self.named),
+        ):
+            if found:
+                print(f"{words}: {np.mean(found):.0%} of {len(found)}")
+        longest = np.max(self.seconds, axis=0)
+        print(f"longest ask {longest[0]:.1f} s, tell {longest[1]:.1f} s of processor time")
 
 
 def main() -> None:
@@ -211,38 +314,30 @@ def main() -> None:
         return
     if asked.mujoco and asked.hidden:
         parser.error("effects are hidden in virtual arms alone; leave out --mujoco or --hidden")
-    rows, ratios, honest, named = [], [], [], []
+    tally, rows = Tally(asked.goal), []
+    curves: dict[str, list] = {kind: [] for kind in ("campaign", *RIVALS)}
     for name in asked.arms.split(","):
         for seed in range(asked.first_seed, asked.first_seed + asked.seeds):
             hidden = HIDDEN[seed % len(HIDDEN)] if asked.hidden else ""
             arm = (MujocoArm if asked.mujoco else VirtualArm)(name, seed, hidden)
             state, history = run_campaign(arm, CampaignRequest(error=asked.goal, minutes=asked.minutes, design=design))
-            for _, run, _ in history:
-                if run.promised is not None and not run.is_changed:
-                    ratios.append(float(run.errors.max() / run.promised.max()))
-            minutes, run, true = history[-1]
-            if state.decision.code == "reached":
-                honest.append(bool(true.max() <= asked.goal))
-            if arm.hidden is not None:
-                found = [c for c in state.identification.model.effects if c.effect == hidden]
-                named.append(any(not c.joints or set(arm.hidden.choice.joints) & set(c.joints) for c in found))
-            rivals = [format_percent(float(run_rival(arm, state, kind).max())) for kind in ("optimized", "random")] if (
-                asked.rivals) else []  # fmt: skip
+            tally.add(arm, state, history)
+            if asked.rivals:
+                curves["campaign"].append([(at, float(error.max())) for at, _, error, _ in history])
+                for kind in RIVALS:
+                    curves[kind].append(run_rival(arm, state, kind))
+            minutes, run, true, _ = history[-1]
             added = "; ".join(f"{c.effect}@{'+'.join(c.joints)}" for c in run.added)
             rows.append([
                 name, str(seed), hidden or "–", state.decision.code, str(len(history)), f"{minutes:.2f}",
-                format_percent(float(run.errors.max())), format_percent(float(true.max())), *rivals, added or "–",
+                format_percent(float(run.errors.max())), format_percent(float(true.max())), added or "–",
             ])  # fmt: skip
             print(rows[-1], flush=True)
-    heads = ["arm", "seed", "hidden", "decision", "runs", "minutes", "stated", "true",
-             *(["one design", "random"] if asked.rivals else []), "added"]  # fmt: skip
+    heads = ["arm", "seed", "hidden", "decision", "runs", "minutes", "stated", "true", "added"]
     print(format_text_table("Campaigns", heads, rows, len(rows), right_from=4))
-    within = np.mean([1 / 1.3 <= ratio <= 1.3 for ratio in ratios]) if ratios else np.nan
-    print(f"achieved / promised: median {np.median(ratios):.2f}, within 1.3: {within:.0%} of {len(ratios)}")
-    if honest:
-        print(f"said reached, and the true error is at the goal: {np.mean(honest):.0%} of {len(honest)}")
-    if named:
-        print(f"hidden effect in the model at the end: {np.mean(named):.0%} of {len(named)}")
+    tally.print()
+    if asked.rivals:
+        print_curves(curves, asked.goal)
 
 
 if __name__ == "__main__":

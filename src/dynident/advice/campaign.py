@@ -275,7 +275,7 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
     measure = build_measure(request, state.region, identification)
     if measure is None:
         return PlannedRun(design, None)
-    uncertain = predict_errors(identification, measure, design, state.seconds)
+    uncertain = predict_errors(identification, measure, design, state.recordings[-1])
     return PlannedRun(design, np.hypot(uncertain, state.runs[-1].lacking))
 
 
@@ -481,11 +481,12 @@ def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, e
 
 
 def _predict_end(state: CampaignState, measure: ErrorMeasure, planned: PlannedRun) -> FloatArray:
-    """Return the errors (k,) once the last motion was repeated for all the time that is left."""
+    """Return the errors (k,) once the last motion, or all so far, were repeated for all the time that is left."""
     assert state.identification is not None
     repetitions = state.seconds_left / planned.design.duration
-    parameters = predict_errors(state.identification, measure, planned.design, state.seconds, repetitions)
-    return np.hypot(parameters, state.runs[-1].lacking)
+    again = predict_errors(state.identification, measure, planned.design, state.recordings[-1], repetitions)
+    all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + state.seconds_left))
+    return np.asarray(np.hypot(np.minimum(again, all_again), state.runs[-1].lacking))
 
 
 def _describe_promise(run: CampaignRun, names: tuple[str, ...]) -> str:

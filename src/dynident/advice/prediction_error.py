@@ -28,18 +28,18 @@ from dynident.excitation import CriterionChoice, Design
 from dynident.excitation.criteria.design_criterion import select_parameters
 from dynident.excitation.criteria.prediction_region import Region, collect_region
 from dynident.excitation.design_observation_matrix import build_design_model
-from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
+from dynident.excitation.design_result import expect_recording
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.recordings.row_storage import load_stored_samples
-from dynident.regressors.observation_matrix import FurtherSignals
+from dynident.regressors.dynamic_model_rows import reduce_recordings
+from dynident.regressors.observation_matrix import FurtherSignals, RegressorInputs
 from dynident.robot import Robot
 
 CONFIDENCE = 0.95
 """Probability with which the true error stays below the stated one."""
 # Draws from the distribution of the parameters: the quantile of an error is then known to about 3 % of itself.
 _DRAWS = 1000
-# Samples of a planned motion that stand for all of it.
 _PLANNED_SAMPLES = 2000
 # A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
 # planned one, and where the travel of each joint and the median of their speeds are at least this part of the planned.
@@ -218,8 +218,8 @@ def _compute_covariance(identification: Identification, measure: ErrorMeasure) -
     """Return the covariance of the parameters that a measure counts with.
 
     Of a parameter it is that of its interval in all tables: its spread over blocks of time. These are few, and say
-    poorly how uncertain a sum over many parameters is; the next run would change it by chance as much as by what it
-    adds. For the torque, the correlation of the residuals is pooled over parameters and joints instead.
+    poorly how uncertain a sum over many parameters is. For the torque, the correlation of the residuals is pooled over
+    parameters and joints instead.
     """
     if not isinstance(measure, RegionRows):
         return identification.statistics.covariance
@@ -238,12 +238,12 @@ def _pool_inflation(identification: Identification) -> FloatArray:
 
 
 def predict_errors(
-    identification: Identification, measure: ErrorMeasure, design: Design, seconds: float, repetitions: float = 1.0
+    identification: Identification, measure: ErrorMeasure, design: Design, last: Recording, repetitions: float = 1.0
 ) -> FloatArray:
     """Return the relative errors (k,) of the targets that uncertain parameters will cause after a planned motion.
 
-    A second of the motion leaves as many rows as a second of the recordings so far, with the same noise and the same
-    correlation.
+    The planned motion counts with the rows that its recording will have: filtered, without ends, halts and reversals.
+    Their noise and its correlation are those of the rows so far.
 
     Parameters
     ----------
@@ -253,8 +253,8 @@ def predict_errors(
         What the covariance means for the targets.
     design : Design
         The planned motion.
-    seconds : float
-        Length of the recordings that the model was identified from, s.
+    last : Recording
+        The last run: the next one is sampled as often, with the same load.
     repetitions : float
         How often the motion will be made.
 
@@ -264,20 +264,20 @@ def predict_errors(
         Relative errors, with 95 % probability.
     """
     statistics, solution = identification.statistics, identification.estimate.solution
-    # Of the ways there and back the filters leave little.
-    inside = np.flatnonzero((design.t >= design.exciting[0]) & (design.t <= design.exciting[1]))
-    samples = inside[:: max(1, len(inside) // _PLANNED_SAMPLES)]
-    planned = evaluate_rows(identification, design.q[samples], design.dq[samples], design.ddq[samples])
-    # The equation of a joint that stands tells nothing.
-    planned *= (np.abs(design.dq[samples]) > STANDSTILL_VELOCITY)[:, :, None]
-    # Rows that the filters will leave of the planned motion: what they weigh, and the variance of their sums.
-    counts = identification.data.training.row_counts
-    duration, inflation = repetitions * (design.exciting[1] - design.exciting[0]), _pool_inflation(identification)
-    weights = duration * counts / seconds / solution.noise**2
-    inflated = weights * inflation * (statistics.noise / solution.noise) ** 2
-    gained, spread = (
-        np.einsum("mja,j,mjb->ab", planned, each, planned, optimize=True) / len(planned) for each in (weights, inflated)
-    )
+    planned = expect_recording(design, last)
+    inputs = RegressorInputs((planned,), identification.preprocessing, identification.estimate.reference)
+    reduction = reduce_recordings(identification.model.observation, inputs)
+    inflation = _pool_inflation(identification)
+    size = (reduction.n_columns, reduction.n_columns)
+    gained, spread = np.zeros(size), np.zeros(size)
+    inflated = inflation * (statistics.noise / solution.noise) ** 2
+    for equation, sigma, excess in zip(reduction.equations, solution.noise, inflated, strict=True):
+        if not len(equation.counts):
+            continue
+        w, place = equation.whole_factor[:, :-1], np.ix_(equation.columns, equation.columns)
+        information = repetitions * (w.T @ w) / sigma**2
+        gained[place] += information
+        spread[place] += excess * information
     # B' = (WᵀW + G)⁻¹ is the update times (WᵀW)⁻¹, by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where
     # constraints hold, and is not inverted.
     values, vectors = np.linalg.eigh(gained)
@@ -290,8 +290,8 @@ def predict_errors(
     # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
     covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
     now, of_pooled, then = (measure.compute_errors(covariance, statistics.median_freedom) for covariance in covariances)
-    excess = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now + of_pooled) & (of_pooled > 0))
-    return np.asarray(excess * then)
+    ratio = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now + of_pooled) & (of_pooled > 0))
+    return np.asarray(ratio * then)
 
 
 def follows_design(recording: Recording, design: Design) -> bool:

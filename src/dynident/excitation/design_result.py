@@ -1,4 +1,4 @@
-"""The result of a design (runs, margins, notes on what is unchecked), and the clearances along its motion."""
+"""The result of a design (runs, margins, notes), clearances along its motion, and the recording that it will have."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from dynident.array_types import FloatArray, IntArray
 from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
@@ -16,6 +17,8 @@ from dynident.motion.collision.exact_distances import Nearest
 from dynident.motion.collision.obstacle_geometry import FLOOR_ALONE, NOTHING_STATED
 from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.limits.limit_margins import Margin
+from dynident.recordings import Recording, recording_from_arrays
+from dynident.recordings.joint_phases import find_phases
 from dynident.robot.collision_reader import UNCHECKED
 from dynident.robot.robot_model import Robot
 
@@ -168,3 +171,41 @@ class Design:
     def duration(self) -> float:
         """Time from home to home, s."""
         return float(self.t[-1])
+
+
+def expect_recording(design: Design, last: Recording) -> Recording:
+    """Return the recording that a motion will have, without torque.
+
+    A joint that stuck at most of its reversals in the last recording will stick for the shortest time of these.
+
+    Parameters
+    ----------
+    design : Design
+        The planned motion.
+    last : Recording
+        A recording of the same robot; the new one gets its sampling period and its name.
+
+    Returns
+    -------
+    Recording
+        Positions, and torques of zero.
+    """
+    t = np.arange(design.t[0], design.t[-1], last.period)
+    planned, dq = (
+        scipy.interpolate.CubicHermiteSpline(design.t, *pair)(t)
+        for pair in ((design.q, design.dq), (design.dq, design.ddq))
+    )
+    q = planned.copy()
+    for j, halts in enumerate(zip(*find_phases(last).halts, strict=True)):
+        fields = ((each.turns, each.sticks, each.ends - each.starts) for each in halts)
+        turns, sticks, lengths = (np.concatenate(parts) for parts in zip(*fields, strict=True))
+        sticks &= turns
+        if not sticks.any() or 2 * sticks.sum() < turns.sum():
+            continue
+        hold = float(lengths[sticks].min())
+        for k in np.flatnonzero(dq[:-1, j] * dq[1:, j] < 0):
+            # It holds its position, and catches up in as long a time.
+            after = slice(k, k + round(2 * hold / last.period))
+            late = t[k] + np.maximum(0.0, 2 * (t[after] - t[k] - hold))
+            q[after, j] = np.interp(late, t, planned[:, j])
+    return recording_from_arrays(t, q, np.zeros_like(q), joint_names=last.joint_names, name=last.name)

@@ -32,11 +32,12 @@ NOISE_SHARE = 0.05
 LEAST_HARMONICS = 4.0
 """However large the noise, so many harmonics of the motion are kept."""
 
-WIDER, WIDER_NOISE_SHARE = 1.4, 0.01
+WIDER, WIDER_NOISE_SHARE = 2.0, 0.01
 """The position cut-off over the torque's, where noise is so small a share of the acceleration even there. What the
 filter of the positions takes away below the torque's cut-off lacks in W, while the torque has it: half of it at the
-cut-off itself, or 6 % where theirs lies half an octave higher. Of machines whose joints break loose that is most of
-the error."""
+cut-off itself, 6 % where theirs lies half an octave higher, 0.4 % an octave higher. Of machines whose joints break
+loose that is most of the error, and inertias come out too large: of a virtual SCARA by 0.6 % at half an octave, three
+times their standard deviation (benchmarks/campaigns.py)."""
 
 NYQUIST_SHARE = 0.7
 """A cut-off nearer to the Nyquist frequency filters nothing."""
@@ -76,7 +77,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     The torque cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
     (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
-    explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
+    explained by filtered positions. Theirs lies an octave higher, as far as that share stays below 1 % there. Rows
     are decimated to no less than 4 times the torque cut-off. For a base that moves the same is chosen from its own
     coordinates, and the lower cut-off counts.
 
