@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -59,14 +59,20 @@ from dynident.diagnosis.search.candidate_outcomes import (
 )
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
-from dynident.diagnosis.search.finding_refinement import RecordedSource, predict_with_findings, refine_findings
-from dynident.diagnosis.search.forward_selection import search_findings, settle_findings
+from dynident.diagnosis.search.finding_refinement import (
+    RecordedSource,
+    predict_with_findings,
+    refine_constants,
+    refine_findings,
+)
+from dynident.diagnosis.search.forward_selection import revisit_findings, search_findings, settle_findings
 from dynident.diagnosis.search.identifiability_and_invisible_effects import (
     compute_part_to_part_ratio,
     extend_with_findings,
     find_invisible,
     list_too_large_limits,
 )
+from dynident.diagnosis.search.pruning import RefinedModel
 from dynident.diagnosis.search.search_state import (
     Finding,
     ScoredFamily,
@@ -84,6 +90,7 @@ from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.recordings.pose_recordings import has_poses
+from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.limits_and_drives import split_hardware
 
@@ -231,15 +238,11 @@ def examine(
     question = _Question(identification, recordings, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
-    # What was found hides lines of the residual, until it is in the model.
-    has_waves = any(get_effect(name).proposal == "angle_spectrum" for name in tried)
-    if has_waves:
-        left = predict_with_findings(model, search.record.state, question.inputs, comparisons)
-        further = leads.add_lines(left, model.robot)
-        if further != leads:
-            leads, search = further, _search_effects(question, further, scale_progress(progress, 0.5, 0.7), search)
+    if search.record.state.findings:
+        leads, search = _search_again(question, leads, search, scale_progress(progress, 0.5, 0.7))
     family, record = search.family, search.record
     settle_findings(record)
+    record.state = revisit_findings(record.rows, record.state)
     findings, recommended, grown, undetermined, final = _refine_findings(
         question, record, scale_progress(progress, 0.7, 1.0)
     )
@@ -349,14 +352,16 @@ class _Search(NamedTuple):
 
 
 def _search_effects(
-    question: _Question, leads: ShapeProposals, progress: Progress, earlier: _Search | None = None
+    question: _Question,
+    leads: ShapeProposals,
+    progress: Progress,
+    earlier: _Search | None = None,
+    refined: Sequence[tuple[Finding, EffectChoice]] = (),
 ) -> _Search:
-    """Search all effects on the grid of their shape constants.
-
-    With further proposals the search goes on where an earlier one ended.
-    """
+    """Search all effects on the grid of their shape constants; beside what an earlier search found, refined."""
     model = question.identification.model
-    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.start.pool)
+    choices = [choice for _, choice in refined]
+    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.start.pool, choices)
     rows = RecordedSource(model, question.inputs)
     # One pass over the recordings for the model and all candidates: every score of the search comes from these
     # products.
@@ -364,8 +369,37 @@ def _search_effects(
     start = _build_start_state(data, pool, question.identification, question.floor, question.rules)
     family = score_family(start, pool.initial_candidates)
     known = earlier and earlier.record
-    record = search_findings(start, family.scored, rows, scale_progress(progress, 0.5, 1.0), known)
+    if known is not None:
+        known.added = tuple(_place_finding(finding, choice, pool, model) for finding, choice in refined)
+    record = search_findings(start, family, rows, scale_progress(progress, 0.5, 1.0), known)
     return _Search(start, family, record)
+
+
+def _place_finding(finding: Finding, choice: EffectChoice, pool: Pool, model: Model) -> Finding:
+    """Return a finding with the shape constants of a choice, as a candidate of a pool."""
+    candidate = pool.build_candidate(choice, model.signals)
+    # Neighbours of a coarse constant have done their part.
+    return replace(finding, judged=replace(finding.judged, candidate=candidate), around=())
+
+
+def _search_again(
+    question: _Question, leads: ShapeProposals, search: _Search, progress: Progress
+) -> tuple[ShapeProposals, _Search]:
+    """Search on beside what was found, with refined shape constants, which hid lines of the residual, too.
+
+    What constants of the grid are off by hides small effects, and gives others the wrong name: a delay beside a slip
+    that was a third too short was called friction that depends on the position.
+    """
+    model, record = question.identification.model, search.record
+    settle_findings(record)
+    findings, choices = refine_constants(model, record.state.findings, question.inputs, question.resolved)
+    refined = RefinedModel.from_choices(model, findings, choices, question.since, question.inputs, question.floor)
+    left = predict_with_findings(model, refined.state, question.inputs, question.comparisons)
+    if any(get_effect(name).proposal == "angle_spectrum" for name in question.effects):
+        leads = leads.add_lines(left, model.robot)
+    # Contacts are found anew at the start of every search.
+    lasting = [pair for pair in zip(findings, choices, strict=True) if not pair[0].is_transient]
+    return leads, _search_effects(question, leads, progress, search, lasting)
 
 
 class _Refined(NamedTuple):

@@ -292,6 +292,26 @@ def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], join
     )
 
 
+def refine_constants(
+    model: Model, findings: Sequence[Finding], inputs: RegressorInputs, resolved: Resolution
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """Return findings, those alike merged, and what they are with the shape constants that fit best.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    findings : sequence of Finding
+        The findings.
+    inputs : RegressorInputs
+        Recordings that the search learns from, the model's filters, and what torque is predicted with.
+    resolved : Resolution
+        What the data can resolve.
+    """
+    choices = refine_shapes(model, [finding.judged.candidate.choice for finding in findings], inputs)
+    return merge_findings_with_close_constants(findings, choices, model.robot, resolved)
+
+
 # Solutions until first-order columns are about the model that they are part of.
 _PASSES = 2
 

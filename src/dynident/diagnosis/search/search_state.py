@@ -10,30 +10,31 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.fold_fit import ProductSums
 from dynident.diagnosis.candidates.held_out_scores import (
+    FoldedBlocks,
     compute_block_contributions,
     compute_held_out_errors,
     score_blocks,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     BaselineErrors,
     FamilywiseLevels,
     ScoredCandidate,
-    combine_scores,
+    judge_score,
     run_familywise_test,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES, DecisionRules
 from dynident.diagnosis.outcome_reasons import Reason
-from dynident.effects import get_effect
+from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.least_squares import floor_noise
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 
-KINDS = ("interleaved", "contiguous")
+FOLDS = "contiguous"
+"""The folds of scores: a fifth of every run in a row is a motion that the fit has not seen. Every fifth block as well,
+for the smaller of two drops, cost twice the time and changed one name of 42 cases."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +157,7 @@ def gather_state(model: Model, pool: Pool, inputs: RegressorInputs, noise: Float
 def score_all(
     state: State, candidates: Sequence[Candidate], *, kinds: tuple[bool, bool] | None = None
 ) -> list[ScoredCandidate]:
-    """Score every candidate beside the model so far, in both kinds of folds; their p-values stay one.
+    """Score every candidate beside the model so far, held out; their p-values stay one.
 
     Each is scored on the rows that are equations for the model with it in: with friction that remembers the path also
     those where joints reverse, with friction that shows where a joint starts also those beside a halt; of all joints,
@@ -185,6 +186,27 @@ def score_all(
     return [scored[k] for k in range(len(candidates))]
 
 
+def score_on_common_rows(state: State, own: Candidate, others: Sequence[Candidate]) -> list[ScoredCandidate]:
+    """Score a candidate, and others less what they gain on rows that it is not about, which are no equations for it.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    own : Candidate
+        The candidate that the others are compared with.
+    others : sequence of Candidate
+        The others.
+
+    Returns
+    -------
+    list of ScoredCandidate
+        The candidate and, in their order, the others; their gains can be compared.
+    """
+    turns, starts = state.data.find_row_kinds(own.columns)
+    return score_all(state, [own, *others], kinds=(turns, starts))
+
+
 @dataclass(frozen=True, eq=False)
 class ScoredFamily:
     """Candidates that were scored and tested together.
@@ -195,13 +217,24 @@ class ScoredFamily:
         The candidates.
     levels : FamilywiseLevels
         What the test asks of each of them.
+    contributions : tuple of (s, k)
+        What each block adds to the scores of each of them.
+    is_fresh : bool
+        Whether all of them were scored beside the same model.
     """
 
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
+    contributions: tuple[FloatArray, ...] = ()
+    is_fresh: bool = True
 
 
-def score_family(state: State, candidates: Sequence[Candidate]) -> ScoredFamily:
+def score_family(
+    state: State,
+    candidates: Sequence[Candidate],
+    earlier: ScoredFamily | None = None,
+    changed: Collection[int] = (),
+) -> ScoredFamily:
     """Score candidates as `score_all` does, and test them together.
 
     Parameters
@@ -210,26 +243,33 @@ def score_family(state: State, candidates: Sequence[Candidate]) -> ScoredFamily:
         The model so far and what was found.
     candidates : sequence of Candidate
         Candidates to score.
+    earlier : ScoredFamily, optional
+        Scores beside a model that differs on some joints: they stay for candidates that act on none of these.
+    changed : collection of int
+        Indices of these joints.
 
     Returns
     -------
     ScoredFamily
         The candidates with the p-value of the family-wise test, and what the test asks of each of them.
     """
-    scored: dict[int, ScoredCandidate] = {}
-    scores: dict[int, FloatArray] = {}
-    for rows in _group_by_rows(state, candidates, None):
-        scored.update(zip(rows.members, _score_same_rows(rows, state), strict=True))
-        each = compute_block_contributions(rows.blocks, rows.total, len(rows.members), state.noise)
-        for k, own in zip(rows.members, each, strict=True):
-            by_scores = state.pool.is_change(candidates[k]) or may_use_scores(candidates[k])
+    known = {} if earlier is None else dict(zip(earlier.scored, earlier.contributions, strict=True))
+    pairs = {each.candidate: (each, own) for each, own in known.items() if set(changed).isdisjoint(each.joints)}
+    stale = [candidate for candidate in candidates if candidate not in pairs]
+    is_fresh = len(stale) == len(candidates)
+    for rows in _group_by_rows(state, stale, None):
+        each = compute_block_contributions(rows.folded.whole, rows.folded.total, len(rows.members), state.noise)
+        for scored, own in zip(_score_same_rows(rows, state), each, strict=True):
+            by_scores = state.pool.is_change(scored.candidate) or may_use_scores(scored.candidate)
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
-            scores[k] = own if by_scores else np.zeros_like(own)
-    order = range(len(candidates))
+            pairs[scored.candidate] = scored, own if by_scores else np.zeros_like(own)
+    members = [pairs[candidate] for candidate in candidates]
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
-    gains = np.stack([scored[k].gains for k in order]) if candidates else np.zeros((0, 0))
-    p, levels = run_familywise_test(gains, [scores[k] for k in order], state.level)
-    return ScoredFamily(tuple(replace(scored[k], p=float(p[k])) for k in order), levels)
+    gains = np.stack([scored.gains for scored, _ in members]) if members else np.zeros((0, 0))
+    contributions = tuple(own for _, own in members)
+    p, levels = run_familywise_test(gains, contributions, state.level)
+    tested = tuple(replace(scored, p=float(own)) for (scored, _), own in zip(members, p, strict=True))
+    return ScoredFamily(tested, levels, contributions, is_fresh)
 
 
 def may_use_scores(candidate: Candidate) -> bool:
@@ -249,16 +289,12 @@ def may_use_scores(candidate: Candidate) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _CommonRows:
-    """Candidates (by number) that are all about the same rows, with the products of these.
-
-    The sums over all blocks serve both kinds of folds and the test by scores.
-    """
+    """Candidates (by number) that are all about the same rows, with the products of these, and squared torques."""
 
     members: list[int]
     candidates: list[Candidate]
-    data: Products
-    blocks: JointBlocks
-    total: ProductSums
+    folded: FoldedBlocks
+    measured: FloatArray
 
 
 def _group_by_rows(
@@ -272,20 +308,17 @@ def _group_by_rows(
     for used, members in sets.items():
         own = [candidates[k] for k in members]
         rows = state.data.select_for_candidates(state.base, np.array(used))
-        blocks = JointBlocks.from_products(rows, state.columns, own)
-        yield _CommonRows(members, own, rows, blocks, blocks.sum_products(state.noise))
+        folded = FoldedBlocks.from_products(rows, state.columns, own, state.noise, FOLDS)
+        yield _CommonRows(members, own, folded, rows.torque_squared())
 
 
 def _score_same_rows(rows: _CommonRows, state: State) -> list[ScoredCandidate]:
     """Score candidates that are all about the same rows."""
     candidates, noise = rows.candidates, state.noise
-    scores_by_kind = [score_blocks(rows.data, rows.blocks, rows.total, candidates, noise, kind) for kind in KINDS]
-    bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
+    before, scores = score_blocks(rows.folded, candidates, rows.measured)
+    baseline = BaselineErrors.from_errors(before, noise)
     acting = find_acting_columns(state.pool)
-    return [
-        combine_scores(pair, _list_joints(acting, candidate), noise, bars)
-        for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
-    ]
+    return [judge_score(score, _list_joints(acting, score.candidate), baseline) for score in scores]
 
 
 def find_acting_columns(pool: Pool) -> BoolArray:
@@ -367,7 +400,7 @@ class SearchRecord:
         Why findings were dropped again.
     added : tuple of Finding
         The findings as they were added one by one, before they were renamed, merged, pruned or split.
-    losses : dict of Candidate to Loss
+    losses : dict of EffectChoice to Loss
         Which finding took most of each candidate's gain.
     """
 
@@ -377,7 +410,7 @@ class SearchRecord:
     rejections: dict[Candidate, Reason] = field(default_factory=dict)
     dropped: dict[Candidate, Reason] = field(default_factory=dict)
     added: tuple[Finding, ...] = ()
-    losses: dict[Candidate, Loss] = field(default_factory=dict)
+    losses: dict[EffectChoice, Loss] = field(default_factory=dict)
 
     def record_losses(
         self, finding: Finding, before: Sequence[ScoredCandidate], after: Sequence[ScoredCandidate]
@@ -394,6 +427,6 @@ class SearchRecord:
         gains = {scored.candidate: scored.total_gain for scored in after}
         for scored in before:
             lost = scored.total_gain - gains.get(scored.candidate, 0.0)
-            known = self.losses.get(scored.candidate)
+            known = self.losses.get(scored.candidate.choice)
             if lost > 0.0 and (known is None or lost > known.gain):
-                self.losses[scored.candidate] = Loss(finding, lost)
+                self.losses[scored.candidate.choice] = Loss(finding, lost)
