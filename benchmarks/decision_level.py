@@ -23,7 +23,7 @@ from scipy import signal
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
-from dynident.diagnosis.candidates.significance import ALPHA, BaselineErrors, compute_familywise_p, judge_score
+from dynident.diagnosis.candidates.significance import ALPHA, combine_scores, compute_familywise_p
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 
 JOINTS, MODEL = 3, 10
@@ -62,9 +62,8 @@ def drawn(rng: np.random.Generator, n_blocks: int, long: int) -> tuple[float, bo
     counts = np.full((n_blocks, JOINTS), float(long * ROWS))
     data = Products.from_grams(grams, position, counts, np.zeros(n_blocks, dtype=np.intp))
     base, noise, joints = np.arange(MODEL), np.ones(JOINTS), tuple(range(JOINTS))
-    before, scores = score_candidates(data, base, candidates, noise, "contiguous")
-    baseline = BaselineErrors.from_errors(before, noise)
-    judged = [judge_score(score, joints, baseline) for score in scores]
+    scores = [score_candidates(data, base, candidates, noise, kind)[1] for kind in ("interleaved", "contiguous")]
+    judged = [combine_scores(pair, joints, noise) for pair in zip(*scores, strict=True)]
     p = compute_familywise_p(
         np.array([item.gains for item in judged]), compute_contributions(data, base, candidates, noise)
     )

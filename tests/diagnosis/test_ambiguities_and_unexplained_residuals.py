@@ -7,7 +7,7 @@ import pytest
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import Score
-from dynident.diagnosis.candidates.significance import BaselineErrors, ScoredCandidate, judge_score
+from dynident.diagnosis.candidates.significance import ScoredCandidate, combine_scores
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import UnknownPattern
 from dynident.diagnosis.diagnosis_summary import rank_findings, select_verdict
@@ -22,7 +22,7 @@ def explaining(*joints: str) -> ScoredCandidate:
     candidate = Candidate("stribeck", joints, PEAK, (5,))
     before = np.ones((20, 1))
     score = Score(candidate, before, 0.5 * before, 1.0, np.ones(1), np.ones(1))
-    return judge_score(score, (0,), BaselineErrors.from_errors(before, np.ones(1)))
+    return combine_scores([score, score], (0,), np.ones(1))
 
 
 def test_a_friction_peak_that_may_as_well_be_on_another_passive_joint_is_told_with_it():

@@ -296,7 +296,7 @@ def test_a_search_goes_on_beside_the_best_constants_of_what_it_found_and_not_bes
     diagnose(run.identification, [run.training])
     first, (own, *_) = constants
     assert first == []
-    assert dict(own[0])["d0"] == pytest.approx(0.0238, rel=0.05)
+    assert dict(own)["d0"] == pytest.approx(0.0238, rel=0.05)
 
 
 def test_a_finding_gets_the_name_that_says_more_beside_all_that_was_found_and_equal_names_with_it():

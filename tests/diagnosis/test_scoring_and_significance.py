@@ -24,11 +24,10 @@ from dynident.diagnosis.candidates.held_out_scores import (
 )
 from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
-    BaselineErrors,
     ScoredCandidate,
     are_indistinguishable,
+    combine_scores,
     compute_familywise_p,
-    judge_score,
     select_simplest,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
@@ -349,12 +348,8 @@ def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
     assert by_scores > by_gains + 0.3
 
 
-def combined(before: np.ndarray, after: np.ndarray, joints: tuple[int, ...], noise: np.ndarray) -> ScoredCandidate:
-    return judge_score(scored(before, after), joints, BaselineErrors.from_errors(before, noise))
-
-
 def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> ScoredCandidate:
-    item = combined(before, after, joints, np.ones(before.shape[1]))
+    item = combine_scores([scored(before, after)] * 2, joints, np.ones(before.shape[1]))
     return replace(item, p=float(compute_familywise_p(item.gains[None], silent(item.gains[None]))[0]))
 
 
@@ -381,6 +376,13 @@ def test_a_loss_counts_for_no_more_than_there_was():
     item = judged_alone(before, after)
     assert item.is_significant()
     assert item.gains.min() == pytest.approx(-before[7, 0], rel=1e-6)
+
+
+def test_a_gain_in_one_kind_of_folds_alone_does_not_pass():
+    before = np.random.default_rng(2).uniform(0.9, 1.1, (40, 2))
+    item = combine_scores([scored(before, 0.5 * before), scored(before, 1.01 * before)], (0, 1), np.ones(2))
+    assert item.drop < 0
+    assert not replace(item, p=0.0).is_significant()
 
 
 def test_one_stretch_with_most_of_the_error_does_not_decide():
@@ -439,7 +441,7 @@ def test_a_name_that_one_run_alone_speaks_for_is_not_found_again_without_it():
 def test_errors_are_counted_in_units_of_each_joints_noise():
     before = np.ones((40, 2)) * [1.0, 100.0]
     after = before * [0.5, 1.0]
-    item = combined(before, after, (0,), np.array([1.0, 10.0]))
+    item = combine_scores([scored(before, after)] * 2, (0,), np.array([1.0, 10.0]))
     np.testing.assert_allclose(item.gains, 0.5)
     assert item.drop == pytest.approx(0.5)
     np.testing.assert_allclose(item.after_weighted, 0.5)

@@ -242,13 +242,6 @@ class ProductSums:
     xy: FloatArray
     xx: tuple[FloatArray, ...]
 
-    @classmethod
-    def add_up(cls, parts: Sequence[ProductSums]) -> ProductSums:
-        """Return the sums over all rows of several parts."""
-        ww, wx, wy, xy = (np.sum([getattr(part, name) for part in parts], axis=0) for name in ("ww", "wx", "wy", "xy"))
-        xx = (np.sum(own, axis=0) for own in zip(*(part.xx for part in parts), strict=True))
-        return cls(ww, wx, wy, xy, tuple(xx))
-
     def subtract(self, other: ProductSums) -> ProductSums:
         """Return the products of the rows that are in these sums and not in the others.
 

@@ -9,7 +9,7 @@ inner products that are computed once. Candidates with equally many columns are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,77 +92,48 @@ def score_candidates(
     tuple of (s, n), list of Score
         Squared errors of the model alone, and a score for every candidate.
     """
-    folded = FoldedBlocks.from_products(data, base, candidates, noise, kind)
-    return score_blocks(folded, candidates, data.torque_squared())
-
-
-@dataclass(frozen=True, eq=False)
-class FoldedBlocks:
-    """What scores take of the products, by fold.
-
-    Parameters
-    ----------
-    whole : JointBlocks
-        Rows or products of all blocks.
-    left_out : tuple of (f,)
-        Numbers of the blocks of each fold.
-    folds : tuple of JointBlocks
-        Rows or products of these.
-    sums : tuple of ProductSums
-        Sums over each fold, in units of the noise.
-    total : ProductSums
-        Sums over all blocks.
-    """
-
-    whole: JointBlocks
-    left_out: tuple[IndexArray, ...]
-    folds: tuple[JointBlocks, ...]
-    sums: tuple[ProductSums, ...]
-    total: ProductSums
-
-    @classmethod
-    def from_products(
-        cls, data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray, kind: str
-    ) -> FoldedBlocks:
-        """Take what is needed to score candidates beside a model; the arguments are those of `score_candidates`."""
-        whole = JointBlocks.from_products(data, base, candidates)
-        left_out = tuple(split_data_folds(data, kind))
-        folds = tuple(whole.select_blocks(fold) for fold in left_out)
-        # No product is summed twice: all blocks are those of all folds.
-        sums = tuple(fold.sum_products(noise) for fold in folds)
-        return cls(whole, left_out, folds, sums, ProductSums.add_up(sums))
-
-    def fit_training_blocks(self) -> Iterator[tuple[IndexArray, JointBlocks, FoldFit]]:
-        """Yield, fold by fold, the numbers of its blocks, these, and the model fitted to all others."""
-        for left_out, here, sums in zip(self.left_out, self.folds, self.sums, strict=True):
-            yield left_out, here, FoldFit(self.total.subtract(sums), self.whole.portions)
+    blocks = JointBlocks.from_products(data, base, candidates)
+    return score_blocks(data, blocks, blocks.sum_products(noise), candidates, noise, kind)
 
 
 def score_blocks(
-    folded: FoldedBlocks, candidates: Sequence[Candidate], measured: FloatArray
+    data: Products,
+    blocks: JointBlocks,
+    total: ProductSums,
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+    kind: str,
 ) -> tuple[FloatArray, list[Score]]:
     """Return the same as `score_candidates`, from blocks and their sums that are at hand.
 
     Parameters
     ----------
-    folded : FoldedBlocks
-        What the scores take of the products.
+    data : Products
+        Products of all columns.
+    blocks : JointBlocks
+        What the scores take of them.
+    total : ProductSums
+        Sums of `blocks` over all blocks of time.
     candidates : sequence of Candidate
         Candidates to score.
-    measured : (n,)
-        Sum of the squared torque of every joint.
+    noise : (n,)
+        Standard deviation of every joint's residual, the weight of its rows.
+    kind : str
+        Kind of folds, see `split_data_folds`.
 
     Returns
     -------
     tuple of (s, n), list of Score
         Squared errors of the model alone, and a score for every candidate.
     """
-    blocks = folded.whole
-    s, n = blocks.n_blocks, len(blocks.joints)
+    s, n = data.n_blocks, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
     # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
-    for left_out, here, fit in folded.fit_training_blocks():
+    for left_out in split_data_folds(data, kind):
+        here = blocks.select_blocks(left_out)
+        # Sums over the training blocks are those of all blocks minus those left out: no product is summed twice.
+        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
         amplitudes = blocks.fit_amplitudes(fit)
         for j, block in enumerate(here.joints):
             errors = block.compute_errors(fit)
@@ -170,12 +141,13 @@ def score_blocks(
             if len(members):
                 after[members[:, None], left_out, j] = errors.compute_errors_with(amplitudes)
     # What is reported of a candidate comes from all data; only its errors are held out.
-    whole = FoldFit(folded.total, blocks.portions)
+    whole = FoldFit(total, blocks.portions)
     separability, amplitudes_of = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
         separability[portion.members] = whole.compute_separability(number)
         for member, own in zip(portion.members, whole.fit_amplitudes(number), strict=True):
             amplitudes_of[member] = own
+    measured = data.torque_squared()
     return before, [
         Score(candidate, before, after[k], float(separability[k]), amplitudes_of[k], measured)
         for k, candidate in enumerate(candidates)

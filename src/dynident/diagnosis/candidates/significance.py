@@ -173,7 +173,7 @@ def compute_least_t(blocks: int, level: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ScoredCandidate:
-    """A candidate with its score.
+    """A candidate with its score in interleaved and contiguous folds.
 
     Parameters
     ----------
@@ -186,14 +186,14 @@ class ScoredCandidate:
     after : (s, n)
         Squared errors with the candidate, held out, N² m².
     drop : float
-        Share of the squared held-out error that it removes: on the joint where that share is largest for an effect of
-        one joint or of the whole robot, on all its joints for a group.
+        Share of the squared held-out error that it removes, the smaller of the two kinds of folds: on the joint where
+        that share is largest for an effect of one joint or of the whole robot, on all its joints for a group.
     total_drop : float
         The same over all joints that it acts on.
     t : float
         t of the roots of the gains over the blocks.
     gains : (s,)
-        Drop of each block in units of the noise, over all joints.
+        Drop of each block in units of the noise, over all joints, the kinds of folds averaged.
     separability : float
         Share of its column that is left beside the model, by norm.
     amplitudes : (k,)
@@ -291,7 +291,7 @@ class ScoredCandidate:
 
 @dataclass(frozen=True, eq=False)
 class BaselineErrors:
-    """What the model alone leaves.
+    """What the model alone leaves in one kind of folds.
 
     Parameters
     ----------
@@ -335,43 +335,64 @@ class BaselineErrors:
         return np.asarray(self.factor @ self.squares * self.weight)
 
 
-def judge_score(score: Score, joints: tuple[int, ...], baseline: BaselineErrors) -> ScoredCandidate:
-    """Return a candidate with what its held-out errors say.
+def combine_scores(
+    scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[BaselineErrors] | None = None
+) -> ScoredCandidate:
+    """Combine a candidate's scores in the two kinds of folds.
 
     Parameters
     ----------
-    score : Score
-        Errors of the candidate.
+    scores : sequence of Score
+        One for each kind of folds.
     joints : tuple of int
         Indices of the joints that the candidate acts on.
-    baseline : BaselineErrors
-        What the model alone leaves.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    bars : sequence of BaselineErrors, optional
+        What the model alone leaves, one for each kind of folds, where that is at hand.
+
+    Returns
+    -------
+    ScoredCandidate
+        The candidate with what both kinds say.
     """
+    bars = bars or [BaselineErrors.from_errors(score.before, noise) for score in scores]
+    drops, totals, gains, errors = [], [], [], []
     index = list(joints)
-    # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
-    after = np.minimum(score.after, baseline.most)
-    gain = (baseline.squares - after) * baseline.weight
-    before, own = baseline.sums[index], (baseline.factor @ gain)[index]
-    drops = own / np.maximum(before, np.finfo(float).tiny)
-    total_drop = float(own.sum()) / max(float(before.sum()), np.finfo(float).tiny)
+    for score, bar in zip(scores, bars, strict=True):
+        # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
+        after = np.minimum(score.after, bar.most)
+        gain = (bar.squares - after) * bar.weight
+        base, own = bar.sums[index], (bar.factor @ gain)[index]
+        gains.append(gain.sum(axis=1) * bar.factor)
+        drops.append(own / np.maximum(base, np.finfo(float).tiny))
+        totals.append(float(own.sum()) / max(float(base.sum()), np.finfo(float).tiny))
+        errors.append(after)
     # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
-    is_alone = len(score.candidate.joints) < 2 and bool(joints)
-    gains = gain.sum(axis=1) * baseline.factor
+    alone = len(scores[0].candidate.joints) < 2
+    mean_gain, after = _average_arrays(gains), _average_arrays(errors)
     return ScoredCandidate(
-        candidate=score.candidate,
+        candidate=scores[0].candidate,
         joints=joints,
-        before=baseline.squares,
+        before=_average_arrays([bar.squares for bar in bars]),
         after=after,
-        drop=float(drops.max()) if is_alone else total_drop,
-        total_drop=total_drop,
-        t=float(compute_evenness(gains[None])[0]),
-        gains=gains,
-        separability=score.separability,
-        amplitudes=score.amplitudes,
-        share_improved=float(np.mean(gains > 0)),
-        measured=score.measured,
-        after_weighted=after[:, index] @ baseline.weight[index],
+        # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
+        drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
+        total_drop=min(totals),
+        t=float(compute_evenness(mean_gain[None])[0]),
+        gains=mean_gain,
+        separability=scores[0].separability,
+        amplitudes=scores[0].amplitudes,
+        share_improved=float(np.mean(mean_gain > 0)),
+        measured=scores[0].measured,
+        after_weighted=after[:, index] @ bars[0].weight[index],
     )
+
+
+def _average_arrays(values: Sequence[FloatArray]) -> FloatArray:
+    """Average a few large arrays without stacking them."""
+    first, *others = values
+    return np.asarray(sum(others, first) / len(values))
 
 
 def are_indistinguishable(best: ScoredCandidate, other: ScoredCandidate) -> bool:

@@ -226,7 +226,11 @@ class _Judge:
         """Return which finding explains what a candidate would gain by itself; None where none does."""
         gain = last.total_gain if last is not None else 0.0
         loss = self.record.losses.get(alone.candidate.choice)
-        if loss is None or alone.p > self.final.state.level or gain >= RULES.still_gains * alone.total_gain:
+        if (
+            loss is None
+            or not alone.is_significant(self.final.state.level)
+            or gain >= RULES.still_gains * alone.total_gain
+        ):
             return None
         step = self._find_step(loss, alone.candidate)
         choice = loss.finding.judged.candidate.choice if step is None else self.choices[step - 1]

@@ -21,15 +21,16 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.fold_fit import FoldFit
-from dynident.diagnosis.candidates.held_out_scores import FoldedBlocks, compute_block_products
+from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
+from dynident.diagnosis.candidates.held_out_scores import compute_block_products
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain
 from dynident.diagnosis.search.candidate_outcomes import FinalScores
-from dynident.diagnosis.search.search_state import FOLDS, find_acting_columns, may_use_scores
+from dynident.diagnosis.search.search_state import KINDS, find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.residual_errors import compute_evenness
 
@@ -120,7 +121,7 @@ def _get_usual(pool: Pool, candidate: Candidate) -> tuple[Mapping[str, float], M
 
 @dataclass(frozen=True, eq=False)
 class _HeldOut:
-    """Products of one candidate beside the model fitted without the fold of each block.
+    """Products of one candidate beside the model fitted without the fold of each block, in one kind of folds.
 
     Parameters
     ----------
@@ -151,10 +152,11 @@ class _Comparison(NamedTuple):
     before: FloatArray
     removed: FloatArray
 
-    @property
-    def error_drops(self) -> FloatArray:
-        """Shares (c, n, d) of the error that a candidate removes."""
-        return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - self.removed / self.before, 0.0)))
+
+def _compute_error_drops(sides: Sequence[_Comparison]) -> FloatArray:
+    """Return (c, n, d): the shares of the error, averaged over the kinds of folds, that a candidate removes."""
+    before, removed = (np.mean([getattr(side, name) for side in sides], axis=0) for name in ("before", "removed"))
+    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - removed / before, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +174,8 @@ class _PlantedEffect:
         Its parameters at the usual size.
     least_sizes : (k,)
         Sizes of its parameters that nobody would notice; 0 where any size would be.
-    held_out : _HeldOut
-        The products beside the model fitted without the fold of each block.
+    held_out : tuple of _HeldOut
+        The products beside the model fitted without the fold of each block, for each kind of folds.
     fitted_squares : (s, k, k)
         ZᵀZ over all joints, of the model fitted to all blocks.
     fitted_scores : (s, k)
@@ -195,7 +197,7 @@ class _PlantedEffect:
     candidate: Candidate
     direction: FloatArray
     least_sizes: FloatArray
-    held_out: _HeldOut
+    held_out: tuple[_HeldOut, ...]
     fitted_squares: FloatArray
     fitted_scores: FloatArray
     floor: FloatArray
@@ -216,37 +218,39 @@ class _PlantedEffect:
         inverse = np.linalg.pinv(self.fitted_squares.sum(axis=0), rcond=1e-8, hermitian=True)
         return np.asarray(self._signs @ self.fitted_scores @ inverse)
 
-    def compute_terms(self) -> tuple[FloatArray, ...]:
-        """Return the terms of the squared errors without and with the candidate.
+    def list_terms(self) -> list[tuple[FloatArray, ...]]:
+        """Return, for each kind of folds, the terms of the squared errors without and with the candidate.
 
         Squares of what is left and of the torque of the usual size, (n + 1, 1, s), twice their product (n + 1, d, s),
         and the errors with the candidate (n + 1, d, s): by how much the fitted parameters miss the planted ones does
         not depend on these. Blocks come last, since they are what is summed over.
         """
-        own = self.held_out
-        return (
-            own.errors.T[:, None],
-            (own.squares @ self.direction @ self.direction).T[:, None],
-            2.0 * self._signs * (own.scores @ self.direction).T[:, None],
-            self._fit_held_out(own),
-        )
+        return [
+            (
+                kind.errors.T[:, None],
+                (kind.squares @ self.direction @ self.direction).T[:, None],
+                2.0 * self._signs * (kind.scores @ self.direction).T[:, None],
+                self._fit_held_out(kind),
+            )
+            for kind in self.held_out
+        ]
 
-    def _fit_held_out(self, own: _HeldOut) -> FloatArray:
+    def _fit_held_out(self, kind: _HeldOut) -> FloatArray:
         whole_squares = self.fitted_squares.sum(axis=0)
-        after = np.empty((_DRAWS, *own.errors.shape))
+        after = np.empty((_DRAWS, *kind.errors.shape))
         # All folds at once: each of these matrices is small.
-        others = np.array([whole_squares - self.fitted_squares[fold].sum(axis=0) for fold in own.folds])
-        for fold, inverse in zip(own.folds, np.linalg.pinv(others, rcond=1e-8, hermitian=True), strict=True):
-            left_out = np.ones(len(own.errors), dtype=bool)
+        others = np.array([whole_squares - self.fitted_squares[fold].sum(axis=0) for fold in kind.folds])
+        for fold, inverse in zip(kind.folds, np.linalg.pinv(others, rcond=1e-8, hermitian=True), strict=True):
+            left_out = np.ones(len(kind.errors), dtype=bool)
             left_out[fold] = False
             noise = self._signs[:, left_out] @ self.fitted_scores[left_out]
             miss = noise @ inverse
             products = (miss[:, :, None] * miss[:, None, :]).reshape(_DRAWS, -1)
-            quadratic = products @ own.squares[fold].reshape(-1, products.shape[1]).T
-            cross = miss @ own.scores[fold].reshape(-1, miss.shape[1]).T
-            shape = (_DRAWS, len(fold), own.errors.shape[1])
+            quadratic = products @ kind.squares[fold].reshape(-1, products.shape[1]).T
+            cross = miss @ kind.scores[fold].reshape(-1, miss.shape[1]).T
+            shape = (_DRAWS, len(fold), kind.errors.shape[1])
             after[:, fold] = (
-                own.errors[fold] - 2.0 * self._signs[:, fold, None] * cross.reshape(shape) + quadratic.reshape(shape)
+                kind.errors[fold] - 2.0 * self._signs[:, fold, None] * cross.reshape(shape) + quadratic.reshape(shape)
             )
         return np.maximum(after, 0.0).transpose(2, 0, 1)
 
@@ -291,13 +295,13 @@ class _Batch:
     ----------
     planted : sequence of _PlantedEffect
         The effects.
-    terms, moving_terms : tuple of (c, n + 1, ...)
-        Their terms; of the rows where joints move on, none where these are all rows.
+    terms, moving_terms : list of tuple of (c, n + 1, ...)
+        Their terms for each kind of folds; of the rows where joints move on, none where these are all rows.
     """
 
     planted: Sequence[_PlantedEffect]
-    terms: tuple[FloatArray, ...]
-    moving_terms: tuple[FloatArray, ...]
+    terms: list[tuple[FloatArray, ...]]
+    moving_terms: list[tuple[FloatArray, ...]]
 
     @classmethod
     def from_planted(cls, planted: Sequence[_PlantedEffect]) -> _Batch:
@@ -307,11 +311,14 @@ class _Batch:
 
     def find_accepted(self, shares: FloatArray) -> BoolArray:
         """Return (c, d): in which draws effects of shares (c, d) of the usual size are accepted."""
-        compared = _compare(self.terms, shares)
-        t = compute_evenness(compared.gains)
-        accepted = self._reduce_joints(compared.error_drops) >= RULES.least_error_drop
+        sides = [_compare(terms, shares) for terms in self.terms]
+        t = compute_evenness(np.mean([side.gains for side in sides], axis=0))
+        # The smaller of both kinds of folds, as in scoring; errors are averaged.
+        drops = np.min([side.drops for side in sides], axis=0)
+        removed = np.mean([side.removed for side in sides], axis=0)
+        accepted = self._reduce_joints(_compute_error_drops(sides)) >= RULES.least_error_drop
         floor = np.array([each.floor for each in self.planted])[:, :, None]
-        own_drops, own_removed = self._reduce_joints(compared.drops), self._reduce_joints(compared.removed / floor)
+        own_drops, own_removed = self._reduce_joints(drops), self._reduce_joints(removed / floor)
         for k, each in enumerate(self.planted):
             least_drop = find_least_drops(each.separability, t[k])
             least_gain = get_least_gain(get_effect(each.candidate.effect))
@@ -319,8 +326,8 @@ class _Batch:
             accepted[k] &= (t[k] >= each.least_t) & (own_drops[k] >= least_drop) & (own_removed[k] >= least_gain)
             accepted[k] &= each.is_noticed(shares[k])
         if self.moving_terms:
-            moving = _compare(self.moving_terms, shares)
-            accepted &= self._reduce_joints(moving.error_drops) >= RULES.least_error_drop
+            moving = _compute_error_drops([_compare(terms, shares) for terms in self.moving_terms])
+            accepted &= self._reduce_joints(moving) >= RULES.least_error_drop
         return accepted
 
     def find_thresholds(self) -> FloatArray:
@@ -344,13 +351,14 @@ class _Batch:
         return np.asarray(np.where(pulls[:, None], values.min(axis=1), values.max(axis=1)))
 
 
-def _stack_terms(planted: Sequence[_PlantedEffect]) -> tuple[FloatArray, ...]:
-    """Return the terms of several effects, stacked."""
-    return tuple(np.stack(term) for term in zip(*(each.compute_terms() for each in planted), strict=True))
+def _stack_terms(planted: Sequence[_PlantedEffect]) -> list[tuple[FloatArray, ...]]:
+    """Return the terms of several effects, stacked, for each kind of folds."""
+    kinds = zip(*(each.list_terms() for each in planted), strict=True)
+    return [tuple(np.stack(term) for term in zip(*kind, strict=True)) for kind in kinds]
 
 
 def _compare(terms: tuple[FloatArray, ...], shares: FloatArray) -> _Comparison:
-    """Compare the errors without and with effects of shares (c, d) of the usual size."""
+    """Compare the errors without and with effects of shares (c, d) of the usual size, in one kind of folds."""
     errors, along, cross, after = terms
     share = shares[:, None, :, None]
     before = errors + share**2 * along
@@ -374,13 +382,13 @@ def _compute_medians(values: FloatArray) -> FloatArray:
 def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidate]) -> Iterator[_PlantedEffect]:
     """Yield what is needed to plant each of some candidates that are about the same rows."""
     state, pool = final.state, final.state.pool
-    folded = FoldedBlocks.from_products(rows, state.columns, members, state.noise, FOLDS)
-    blocks = folded.whole
-    fit = FoldFit(folded.total, blocks.portions)
+    blocks = JointBlocks.from_products(rows, state.columns, members)
+    total = blocks.sum_products(state.noise)
+    fit = FoldFit(total, blocks.portions)
     acting = find_acting_columns(pool)
     fitted_scores = [block.compute_errors(fit).compute_scores() for block in blocks.joints]
     fitted_squares = [compute_block_products(block, fit) for block in blocks.joints]
-    held_out = _hold_out(folded)
+    kinds = [_hold_out(blocks, total, tuple(split_data_folds(rows, kind)), state.noise) for kind in KINDS]
     weights = 1.0 / state.noise**2
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
@@ -398,7 +406,7 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
                 candidate,
                 np.array([usual.get(pool.observation.columns[k].parameter, 0.0) for k in candidate.columns]),
                 _list_least_sizes(pool, candidate),
-                held_out.take_candidate(number, place, columns, joints, weights),
+                tuple(kind.take_candidate(number, place, columns, joints, weights) for kind in kinds),
                 np.asarray(sum(weights[j] * fitted_squares[j][number][place] for j in every)),
                 np.asarray(sum(weights[j] * fitted_scores[j][:, columns] for j in every)),
                 np.maximum(counts[joints] * state.floor[joints] ** 2, np.finfo(float).tiny),
@@ -411,7 +419,7 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
 
 @dataclass(frozen=True, eq=False)
 class _HeldOutBlocks:
-    """Products of all candidates: ρᵀρ (s,), Zᵀρ (s, c), ZᵀZ by portion (g, s, k, k) a joint."""
+    """Products of all candidates in one kind of folds: ρᵀρ (s,), Zᵀρ (s, c), ZᵀZ by portion (g, s, k, k) a joint."""
 
     errors: list[FloatArray]
     scores: list[FloatArray]
@@ -431,26 +439,29 @@ class _HeldOutBlocks:
         return _HeldOut(squares, stack([own[:, columns] for own in self.scores]), stack(self.errors), self.folds)
 
 
-def _hold_out(folded: FoldedBlocks) -> _HeldOutBlocks:
+def _hold_out(
+    blocks: JointBlocks, total: ProductSums, folds: tuple[IndexArray, ...], noise: FloatArray
+) -> _HeldOutBlocks:
     """Return the products of each block beside the model fitted without its fold.
 
     Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     seen, and held-out errors show an effect by that.
     """
-    blocks = folded.whole
     s, c, n = blocks.n_blocks, blocks.n_extra, len(blocks.joints)
     errors, scores = [np.zeros(s) for _ in range(n)], [np.zeros((s, c)) for _ in range(n)]
     squares = [
         [np.zeros((len(portion.members), s, portion.width, portion.width)) for portion in blocks.portions]
         for _ in range(n)
     ]
-    for fold, here, fit in folded.fit_training_blocks():
+    for fold in folds:
+        here = blocks.select_blocks(fold)
+        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
         for j, block in enumerate(here.joints):
             joint_errors = block.compute_errors(fit)
             errors[j][fold], scores[j][fold] = joint_errors.alone, joint_errors.compute_scores()
             for own, products in zip(squares[j], compute_block_products(block, fit), strict=True):
                 own[:, fold] = products
-    return _HeldOutBlocks(errors, scores, squares, folded.left_out)
+    return _HeldOutBlocks(errors, scores, squares, folds)
 
 
 def _find_thresholds(planted: Sequence[_PlantedEffect]) -> Iterator[tuple[_PlantedEffect, FloatArray]]:

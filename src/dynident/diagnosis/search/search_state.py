@@ -10,18 +10,19 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
+from dynident.diagnosis.candidates.fold_fit import ProductSums
 from dynident.diagnosis.candidates.held_out_scores import (
-    FoldedBlocks,
     compute_block_contributions,
     compute_held_out_errors,
     score_blocks,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     BaselineErrors,
     FamilywiseLevels,
     ScoredCandidate,
-    judge_score,
+    combine_scores,
     run_familywise_test,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
@@ -32,9 +33,7 @@ from dynident.estimation.least_squares import floor_noise
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 
-FOLDS = "contiguous"
-"""The folds of scores: a fifth of every run in a row is a motion that the fit has not seen. Every fifth block as well,
-for the smaller of two drops, cost twice the time and changed one name of 42 cases."""
+KINDS = ("interleaved", "contiguous")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +156,7 @@ def gather_state(model: Model, pool: Pool, inputs: RegressorInputs, noise: Float
 def score_all(
     state: State, candidates: Sequence[Candidate], *, kinds: tuple[bool, bool] | None = None
 ) -> list[ScoredCandidate]:
-    """Score every candidate beside the model so far, held out; their p-values stay one.
+    """Score every candidate beside the model so far, in both kinds of folds; their p-values stay one.
 
     Each is scored on the rows that are equations for the model with it in: with friction that remembers the path also
     those where joints reverse, with friction that shows where a joint starts also those beside a halt; of all joints,
@@ -258,7 +257,7 @@ def score_family(
     stale = [candidate for candidate in candidates if candidate not in pairs]
     is_fresh = len(stale) == len(candidates)
     for rows in _group_by_rows(state, stale, None):
-        each = compute_block_contributions(rows.folded.whole, rows.folded.total, len(rows.members), state.noise)
+        each = compute_block_contributions(rows.blocks, rows.total, len(rows.members), state.noise)
         for scored, own in zip(_score_same_rows(rows, state), each, strict=True):
             by_scores = state.pool.is_change(scored.candidate) or may_use_scores(scored.candidate)
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
@@ -289,12 +288,16 @@ def may_use_scores(candidate: Candidate) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _CommonRows:
-    """Candidates (by number) that are all about the same rows, with the products of these, and squared torques."""
+    """Candidates (by number) that are all about the same rows, with the products of these.
+
+    The sums over all blocks serve both kinds of folds and the test by scores.
+    """
 
     members: list[int]
     candidates: list[Candidate]
-    folded: FoldedBlocks
-    measured: FloatArray
+    data: Products
+    blocks: JointBlocks
+    total: ProductSums
 
 
 def _group_by_rows(
@@ -308,17 +311,20 @@ def _group_by_rows(
     for used, members in sets.items():
         own = [candidates[k] for k in members]
         rows = state.data.select_for_candidates(state.base, np.array(used))
-        folded = FoldedBlocks.from_products(rows, state.columns, own, state.noise, FOLDS)
-        yield _CommonRows(members, own, folded, rows.torque_squared())
+        blocks = JointBlocks.from_products(rows, state.columns, own)
+        yield _CommonRows(members, own, rows, blocks, blocks.sum_products(state.noise))
 
 
 def _score_same_rows(rows: _CommonRows, state: State) -> list[ScoredCandidate]:
     """Score candidates that are all about the same rows."""
     candidates, noise = rows.candidates, state.noise
-    before, scores = score_blocks(rows.folded, candidates, rows.measured)
-    baseline = BaselineErrors.from_errors(before, noise)
+    scores_by_kind = [score_blocks(rows.data, rows.blocks, rows.total, candidates, noise, kind) for kind in KINDS]
+    bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
     acting = find_acting_columns(state.pool)
-    return [judge_score(score, _list_joints(acting, score.candidate), baseline) for score in scores]
+    return [
+        combine_scores(pair, _list_joints(acting, candidate), noise, bars)
+        for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
+    ]
 
 
 def find_acting_columns(pool: Pool) -> BoolArray:
