@@ -19,7 +19,6 @@ from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, a
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.acceptance_rules import compute_stability
 from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
-from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.search_state import ProductSource, State, score_all
 from dynident.effects import EffectChoice
 from dynident.estimation.residual_errors import compute_t
@@ -104,55 +103,6 @@ def _compare_on_common_rows(
     equal = {scored.candidate.effect: parents.get(scored.candidate.choice) for scored in selected[1]}
     others = [scored for effect, scored in equal.items() if scored is not None and effect != winner.candidate.effect]
     return replace(winner, p=chosen.p), tuple(others)
-
-
-def add_equal_names(rows: ProductSource, state: State, judged: Sequence[Sequence[ScoredCandidate]]) -> State:
-    """Add to each finding the names that say as much with constants between those of the grid.
-
-    Over the range of a joint, a compensator with one length of its crank is a spring with another.
-
-    Parameters
-    ----------
-    rows : ProductSource
-        Gives products of further columns.
-    state : State
-        The model so far and what was found.
-    judged : sequence of sequence of ScoredCandidate
-        For each finding the candidates that could have its place, on the grid and beside all other findings.
-    """
-    parents: dict[EffectChoice, ScoredCandidate] = {}
-    rivals: list[list[EffectChoice]] = []
-    for finding, scores in zip(state.findings, judged, strict=True):
-        known = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
-        near = [scored for scored in _find_contenders(scores[0], scores) if scored.candidate.effect not in known]
-        finer = {choice: scored for scored in near for choice in list_between(scored.candidate.choice)}
-        parents.update(finer)
-        rivals.append(list(finer))
-    if not parents:
-        return state
-    refined = refine_grid(rows, state, list(parents))
-    place = {column: k for k, column in enumerate(state.base)}
-    findings = []
-    for finding, choices in zip(state.findings, rivals, strict=True):
-        own = replace(finding.judged.candidate, columns=tuple(place[k] for k in finding.judged.candidate.columns))
-        others = [candidate for candidate in refined.pool.candidates if candidate.choice in choices]
-        beside = refined.drop_columns(place[k] for k in finding.columns)
-        equal = _find_equals(beside, own, others) if others else []
-        findings.append(replace(finding, equal=(*finding.equal, *(parents[each.choice] for each in equal))))
-    return replace(state, findings=tuple(findings))
-
-
-def _find_equals(state: State, own: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
-    """Find the best candidate of each effect that says as much as a candidate on the rows that all are about."""
-    each = [state.data.find_row_kinds(candidate.columns) for candidate in (own, *others)]
-    common = all(turns for turns, _ in each), all(starts for _, starts in each)
-    chosen, *scores = score_all(state, [own, *others], kinds=common)
-    equal: dict[str, Candidate] = {}
-    for scored in sorted(scores, key=lambda scored: -scored.total_gain):
-        is_near = scored.total_gain >= RULES.equal_gain * chosen.total_gain
-        if is_near and compute_t(chosen.gains - scored.gains) < RULES.equal_t and is_physically_possible(state, scored):
-            equal.setdefault(scored.candidate.effect, scored.candidate)
-    return list(equal.values())
 
 
 def _is_slimmer(state: State, slim: ScoredCandidate, other: ScoredCandidate) -> bool:

@@ -16,7 +16,6 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import compute_stability, find_rejection
 from dynident.diagnosis.search.comparison_of_rivals import (
-    add_equal_names,
     compare_names,
     explains_as_much,
     list_starts,
@@ -37,9 +36,10 @@ from dynident.diagnosis.search.search_state import (
     score_family,
     score_on_common_rows,
 )
-from dynident.effects import get_effect
+from dynident.effects import EffectChoice, get_effect
 from dynident.identification.shape_search import list_between
 from dynident.progress import Progress
+from dynident.regressors.model_structure import Model
 
 
 def merge_findings_on_joint(rows: ProductSource, state: State) -> State:
@@ -113,29 +113,26 @@ def _list_single_curves(beside: State, several: Sequence[Finding]) -> list[Candi
     return candidates
 
 
-def revisit_findings(rows: ProductSource, state: State) -> State:
-    """Give findings on single joints the names that they have beside all others, and list those that say as much.
+def revisit_findings(state: State) -> State:
+    """Give findings on single joints the names that they have beside all others.
 
     The search named each beside what it knew by then; with what it found later, another may say clearly more.
 
     Parameters
     ----------
-    rows : ProductSource
-        Gives products of further columns.
     state : State
         The model so far and what was found.
     """
-    judged: list[list[ScoredCandidate]] = []
     for number, finding in enumerate(state.findings):
-        is_alone = len(finding.judged.candidate.joints) == 1 and not finding.is_transient
-        scores = _score_rivals(state, finding) if is_alone else [finding.judged]
-        judged.append(scores)
-        if is_alone and (better := _find_better_name(state, scores)) is not None:
+        if len(finding.judged.candidate.joints) != 1 or finding.is_transient:
+            continue
+        better = _find_better_name(state, _score_rivals(state, finding))
+        if better is not None:
             new = Finding(replace(better, p=finding.p), (), finding.p)
             rest = state.drop_columns(finding.columns)
             findings = (*state.findings[:number], new, *state.findings[number + 1 :])
             state = replace(rest, base=rest.base + new.columns, findings=findings)
-    return add_equal_names(rows, state, judged)
+    return state
 
 
 def _score_rivals(state: State, finding: Finding) -> list[ScoredCandidate]:
@@ -290,6 +287,25 @@ def settle_findings(record: SearchRecord) -> None:
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting
     record.dropped.update(dict.fromkeys(superfluous, Reason.build("superfluous")))
     record.state = split_groups(pruned)
+
+
+def place_finding(finding: Finding, choice: EffectChoice, pool: Pool, model: Model) -> Finding:
+    """Return a finding with the shape constants of a choice, as a candidate of a pool.
+
+    Parameters
+    ----------
+    finding : Finding
+        The finding.
+    choice : EffectChoice
+        What it has become.
+    pool : Pool
+        A pool that has the columns of the choice.
+    model : Model
+        The model in which something is missing.
+    """
+    candidate = pool.build_candidate(choice, model.signals)
+    # Neighbours of a coarse constant have done their part.
+    return replace(finding, judged=replace(finding.judged, candidate=candidate), around=())
 
 
 def _list_remaining(pool: Pool, findings: Sequence[Finding]) -> list[Candidate]:
