@@ -5,7 +5,8 @@
 Every joint slips before it slides, has Stribeck friction, a gear ripple and a torque gain that is off; four runs at
 full speed and below it are logged at 125 Hz, the torque one sample late. One larger effect is hidden on top.
 Counted are: cases in which it is among the recommended, cases among these in which its joint is right, and cases in
-which a name is recommended that neither the mess nor the hidden effect has.
+which a name is recommended that neither the mess nor the hidden effect has, nor any name that is told as its equal.
+Of a hidden effect that is not named, its detection limit is printed: below that, the recordings do not show it.
 """
 
 from __future__ import annotations
@@ -128,12 +129,18 @@ def judge(case: Case, folder: Path | None) -> dict[str, object]:
     ]
     joints = {robot.joint_names[j] for j in target.joints}
     there = {name for placed in case.hidden for name in placed.names}
+    equal = {item.choice: item.equivalent for item in diagnosis.candidates if item.significant}
+    places = sorted(joints) or [""]
     return {
         "case": case.name,
         "joints": sorted(joints),
         "named": bool(hits),
         "joint": any(not joints or not item.joints or joints & set(item.joints) for item in hits),
-        "extra": sorted({choice.effect for choice in diagnosis.recommended} - there),
+        "extra": sorted(
+            {choice.effect for choice in diagnosis.recommended if not there & {choice.effect, *equal.get(choice, ())}}
+        ),
+        "hidden": str(target.physics),
+        "why not": "" if hits else [diagnosis.why_not(name, joint).text for name in target.names for joint in places],
         "recommended": [str(choice) for choice in diagnosis.recommended],
         "seconds": seconds,
     }

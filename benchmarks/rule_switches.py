@@ -149,7 +149,7 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
     "_is_dissipative": [(physical_plausibility, "_is_dissipative", _true)],
     "_find_wrong_friction": [(physical_plausibility, "_find_wrong_friction", _no_reason)],
     "find_impossibility": [(next_finding, "find_impossibility", _no_reason)],
-    "revisit_findings": [(forward_selection, "revisit_findings", lambda _rows, state: state)],
+    "revisit_findings": [(diagnose_model, "revisit_findings", lambda state: state)],
     "merge_findings_on_joint": [(forward_selection, "merge_findings_on_joint", lambda _rows, state: state)],
     "split_groups": [(forward_selection, "split_groups", lambda state: state)],
     "prune_findings on the grid": [(forward_selection, "prune_findings", _only_strip)],

@@ -105,7 +105,7 @@ class Question:
         """Names, with their joints, of all that passes once the rows are changed."""
         rows = ChangedRows(self.identification, self.recordings, self.identification.estimate.next_reference(), change)
         start = self._start(rows.folded(self.pool, self.plain))
-        first = score_family(start, self.pool.initial_candidates).scored
+        first = score_family(start, self.pool.initial_candidates)
         found = search_findings(start, first, rows, ignore_progress)
         settle_findings(found)
         return tuple(_told(finding) for finding in found.state.findings)

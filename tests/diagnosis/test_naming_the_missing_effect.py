@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -30,17 +30,18 @@ from support.oracles import fourier_motion
 
 from dynident.advice import advise
 from dynident.diagnosis import Diagnosis, compare, diagnose, diagnose_model, examine
-from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool
+from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool, build_pool_of_choices
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.residuals.spectral_peaks import AngleLines, find_angle_lines
 from dynident.diagnosis.search import forward_selection
 from dynident.diagnosis.search.comparison_of_rivals import compare_names
 from dynident.diagnosis.search.finding_refinement import refine_findings
-from dynident.diagnosis.search.search_state import State
+from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.progress import ignore_progress
 from dynident.regressors.model_structure import build_model
+from dynident.regressors.observation_matrix import RegressorInputs
 
 FAST = ("offset", "load_dependent_friction")
 
@@ -247,13 +248,15 @@ def test_a_search_ends_where_nothing_more_passes_and_not_at_a_number_of_effects(
     for name, stub in {
         "select_candidate": lambda state, judged, rejections: (judged[0], ()),
         "compare_names": lambda rows, state, choice, judged: choice,
-        "score_family": lambda state, left: SimpleNamespace(scored=[ScoredStub(candidate, (0,)) for candidate in left]),
+        "score_family": lambda state, left, *_: SimpleNamespace(
+            scored=[ScoredStub(candidate, (0,)) for candidate in left], is_fresh=True
+        ),
         "is_determined": lambda *_: True,
         "_list_neighbour_columns": lambda *_: (),
     }.items():
         monkeypatch.setattr(forward_selection, name, stub)
     monkeypatch.setattr(State, "estimate_noise", lambda state: state)
-    first = [ScoredStub(candidate, (0,)) for candidate in ripples]
+    first = SimpleNamespace(scored=[ScoredStub(candidate, (0,)) for candidate in ripples], is_fresh=True)
     state = State(cast(Any, None), cast(Any, pool), (), np.ones(1), np.ones(1))
     record = forward_selection.search_findings(state, cast(Any, first), cast(Any, None), ignore_progress)
     assert [finding.judged.candidate for finding in record.state.findings] == ripples
@@ -278,6 +281,41 @@ def test_a_search_with_further_proposals_goes_on_where_the_first_ended_and_is_re
     assert {choice.effect for choice in found.recommended} == {"presliding", "torque_ripple"}
     assert sorted(settled) == ["presliding", "torque_ripple"]
     assert refined == [2]
+
+
+def test_a_search_goes_on_beside_the_best_constants_of_what_it_found_and_not_beside_those_of_the_grid(monkeypatch):
+    constants = []
+
+    def search(*asked):
+        earlier = asked[4]
+        constants.append([] if earlier is None else [finding.judged.candidate.shape for finding in earlier.added])
+        return forward_selection.search_findings(*asked)
+
+    monkeypatch.setattr(diagnose_model, "search_findings", search)
+    run = experiment(on_joint(3, lambda q, v, load: 30.0 * hysteresis(q, 0.0238)))
+    diagnose(run.identification, [run.training])
+    first, (own, *_) = constants
+    assert first == []
+    assert dict(own)["d0"] == pytest.approx(0.0238, rel=0.05)
+
+
+def test_a_finding_gets_the_name_that_says_more_beside_all_that_was_found():
+    run = experiment(on_joint(2, lambda q, v, load: 0.08 * load))
+    model, plain = run.identification.model, run.identification
+    inputs = RegressorInputs([run.training], plain.preprocessing, plain.estimate.next_reference())
+    names = ("drive_gain_saturation", "drive_gain_error", "offset")
+    pool = build_pool_of_choices(model, [EffectChoice(name, (NAMES[2],)) for name in names])
+    state = gather_state(model, pool, inputs, plain.noise)
+    (wrong, *_) = score_all(state, [pool.candidates[0]])
+    state = state.add_finding(Finding(replace(wrong, p=0.001), (), 0.001))
+    (found,) = forward_selection.revisit_findings(state).findings
+    assert found.judged.candidate.effect == "drive_gain_error"
+    # What is right already stays.
+    state = gather_state(model, pool, inputs, plain.noise)
+    (right, *_) = score_all(state, [pool.candidates[1]])
+    state = state.add_finding(Finding(replace(right, p=0.001), (), 0.001))
+    (kept,) = forward_selection.revisit_findings(state).findings
+    assert kept.judged.candidate == right.candidate
 
 
 def test_further_proposals_leave_the_numbers_of_all_earlier_columns():

@@ -29,7 +29,7 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.decision_levels import DecisionRules
-from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_candidates
+from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_request
 from dynident.diagnosis.diagnosis_result import (
     Change,
     DetectionLimit,
@@ -59,14 +59,25 @@ from dynident.diagnosis.search.candidate_outcomes import (
 )
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
-from dynident.diagnosis.search.finding_refinement import RecordedSource, predict_with_findings, refine_findings
-from dynident.diagnosis.search.forward_selection import search_findings, settle_findings
+from dynident.diagnosis.search.finding_refinement import (
+    RecordedSource,
+    predict_with_findings,
+    refine_constants,
+    refine_findings,
+)
+from dynident.diagnosis.search.forward_selection import (
+    place_finding,
+    revisit_findings,
+    search_findings,
+    settle_findings,
+)
 from dynident.diagnosis.search.identifiability_and_invisible_effects import (
     compute_part_to_part_ratio,
     extend_with_findings,
     find_invisible,
     list_too_large_limits,
 )
+from dynident.diagnosis.search.pruning import RefinedModel
 from dynident.diagnosis.search.search_state import (
     Finding,
     ScoredFamily,
@@ -75,15 +86,13 @@ from dynident.diagnosis.search.search_state import (
     score_family,
 )
 from dynident.diagnosis.search.static_friction import find_static_friction
-from dynident.effects import CATALOGUE, EffectChoice, get_effect
+from dynident.effects import CATALOGUE, EffectChoice
 from dynident.effects.effect_columns import is_lasting_change
-from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
-from dynident.recordings.pose_recordings import has_poses
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.limits_and_drives import split_hardware
 
@@ -214,7 +223,7 @@ def examine(
     DynidentError
         For recordings of poses at rest, in which nothing that is missing shows.
     """
-    _check_request(candidates or (), (*recordings, *baseline))
+    check_request(candidates or (), (*recordings, *baseline))
     # What is said with the request counts more than what was said with the robot.
     has, absent = split_hardware({**identification.model.robot.hardware, **hardware})
     held_out_ratio = compute_held_out_ratio(identification)
@@ -231,25 +240,19 @@ def examine(
     question = _Question(identification, recordings, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
-    # What was found hides lines of the residual, until it is in the model.
-    has_waves = any(get_effect(name).proposal == "angle_spectrum" for name in tried)
-    if has_waves:
-        left = predict_with_findings(model, search.record.state, question.inputs, comparisons)
-        further = leads.add_lines(left, model.robot)
-        if further != leads:
-            leads, search = further, _search_effects(question, further, scale_progress(progress, 0.5, 0.7), search)
+    if search.record.state.findings:
+        leads, search = _search_again(question, leads, search, scale_progress(progress, 0.5, 0.7))
     family, record = search.family, search.record
     settle_findings(record)
+    record.state = revisit_findings(record.state)
     findings, recommended, grown, undetermined, final = _refine_findings(
         question, record, scale_progress(progress, 0.7, 1.0)
     )
-    first = list(family.scored)
     unknown = find_unknown_patterns(final)
-    # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
-    # it.
+    # An effect whose residual still depends on the same variable has the wrong name, and misleads later ones.
     wrong = find_misnamed(findings, recommended, unknown, final)
     if wrong:
-        dependent = find_dependent_findings(findings, wrong, first)
+        dependent = find_dependent_findings(findings, wrong, family.scored)
         record.dropped.update((findings[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
         record.dropped.update((findings[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
         findings, recommended = _drop_findings(findings, recommended, [*wrong, *dependent])
@@ -283,7 +286,7 @@ def examine(
     missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
     verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
     lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
-    hidden = (*(item for item, _ in undetermined.values()), *find_invisible(first))
+    hidden = (*(item for item, _ in undetermined.values()), *find_invisible(family.scored))
     conclusion = conclude(
         verdict,
         unknown,
@@ -316,7 +319,7 @@ def examine(
         conclusion=conclusion,
         outcomes=(*ranking.outcomes, *list_untried(ranking.outcomes, candidates, model, leads, absent)),
     )
-    doubts = list_doubts(findings, recommended, hidden, model.robot, first, candidates or ())
+    doubts = list_doubts(findings, recommended, hidden, model.robot, family.scored, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
 
 
@@ -349,23 +352,45 @@ class _Search(NamedTuple):
 
 
 def _search_effects(
-    question: _Question, leads: ShapeProposals, progress: Progress, earlier: _Search | None = None
+    question: _Question,
+    leads: ShapeProposals,
+    progress: Progress,
+    earlier: _Search | None = None,
+    refined: Sequence[tuple[Finding, EffectChoice]] = (),
 ) -> _Search:
-    """Search all effects on the grid of their shape constants.
-
-    With further proposals the search goes on where an earlier one ended.
-    """
+    """Search all effects on the grid of their shape constants; beside what an earlier search found, refined."""
     model = question.identification.model
-    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.start.pool)
+    choices = [choice for _, choice in refined]
+    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.start.pool, choices)
     rows = RecordedSource(model, question.inputs)
-    # One pass over the recordings for the model and all candidates: every score of the search comes from these
-    # products.
+    # One pass over the recordings: every score of the search comes from these products.
     data = rows.gather_products(pool, scale_progress(progress, 0.0, 0.5))
     start = _build_start_state(data, pool, question.identification, question.floor, question.rules)
     family = score_family(start, pool.initial_candidates)
     known = earlier and earlier.record
-    record = search_findings(start, family.scored, rows, scale_progress(progress, 0.5, 1.0), known)
+    if known is not None:
+        known.added = tuple(place_finding(finding, choice, pool, model) for finding, choice in refined)
+    record = search_findings(start, family, rows, scale_progress(progress, 0.5, 1.0), known)
     return _Search(start, family, record)
+
+
+def _search_again(
+    question: _Question, leads: ShapeProposals, search: _Search, progress: Progress
+) -> tuple[ShapeProposals, _Search]:
+    """Search on beside what was found, with refined shape constants, which hid lines of the residual, too.
+
+    What constants of the grid are off by hides small effects, and gives others the wrong name: a delay beside a slip
+    that was a third too short was called friction that depends on the position.
+    """
+    model, record = question.identification.model, search.record
+    settle_findings(record)
+    findings, choices = refine_constants(model, record.state.findings, question.inputs, question.resolved)
+    refined = RefinedModel.from_choices(model, findings, choices, question.since, question.inputs, question.floor)
+    left = predict_with_findings(model, refined.state, question.inputs, question.comparisons)
+    leads = leads.add_lines(left, model.robot)
+    # Contacts are found anew at the start of every search.
+    lasting = [pair for pair in zip(findings, choices, strict=True) if not pair[0].is_transient]
+    return leads, _search_effects(question, leads, progress, search, lasting)
 
 
 class _Refined(NamedTuple):
@@ -399,26 +424,6 @@ def _refine_findings(question: _Question, record: SearchRecord, progress: Progre
     findings, recommended = _drop_findings(findings, recommended, list(undetermined))
     final = _compare_extended(identification, grown, recordings, question.comparisons)
     return _Refined(findings, recommended, grown, undetermined, final)
-
-
-def _check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
-    """Raise `DynidentError` for an unknown effect, and for recordings in which nothing that is missing shows."""
-    check_candidates(candidates)
-    if any(has_poses(recording) for recording in recordings):
-        raise DynidentError(
-            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
-            "identify from it to find other effects",
-            pointer="/recordings",
-            title="Poses at rest",
-        )
-    if any(recording.torque_from_commands for recording in recordings):
-        raise DynidentError(
-            "no torque was recorded: it was computed from the servos' commands. A supply voltage that sags, play "
-            "between motor and encoder and late commands change the true torque as effects of the arm would, and these "
-            "would get their names. Record the currents of the servos (Present_Current) to find what the model lacks",
-            pointer="/recordings",
-            title="No measured torque",
-        )
 
 
 def _list_differences(

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from dynident.diagnosis.decision_levels import RULES
+from dynident.errors import DynidentError
 from dynident.robot.limits_and_drives import HARDWARE, check_hardware
 from dynident.schema.fields import Request, declare_field
+
+if TYPE_CHECKING:
+    from dynident.recordings import Recording
 
 DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
 """Contacts do not count: they are events of a recording, not effects of the arm."""
@@ -75,3 +80,39 @@ def check_candidates(names: Sequence[str]) -> None:
 
         for index, name in enumerate(names):
             get_effect(name, f"/candidates/{index}")
+
+
+def check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
+    """Check the effects to try, and that what is missing in a model shows in the recordings.
+
+    Parameters
+    ----------
+    candidates : sequence of str
+        Ids of effects.
+    recordings : sequence of Recording
+        All recordings of the request.
+
+    Raises
+    ------
+    DynidentError
+        For an unknown effect, poses at rest, and torques that were computed from commands.
+    """
+    # Whoever asks for the fields of a request alone needs no NumPy.
+    from dynident.recordings.pose_recordings import has_poses
+
+    check_candidates(candidates)
+    if any(has_poses(recording) for recording in recordings):
+        raise DynidentError(
+            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
+            "identify from it to find other effects",
+            pointer="/recordings",
+            title="Poses at rest",
+        )
+    if any(recording.torque_from_commands for recording in recordings):
+        raise DynidentError(
+            "no torque was recorded: it was computed from the servos' commands. A supply voltage that sags, play "
+            "between motor and encoder and late commands change the true torque as effects of the arm would, and these "
+            "would get their names. Record the currents of the servos (Present_Current) to find what the model lacks",
+            pointer="/recordings",
+            title="No measured torque",
+        )

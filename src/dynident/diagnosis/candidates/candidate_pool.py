@@ -16,6 +16,7 @@ from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
 from dynident.effects.effect_columns import is_lasting_change, list_possible_joints
+from dynident.effects.effect_signals import Signals
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot.robot_model import Robot
@@ -90,6 +91,13 @@ class Pool:
             if not get_effect(candidate.effect).is_transient and candidate not in self.faint
         ]
 
+    def build_candidate(self, choice: EffectChoice, signals: Signals) -> Candidate:
+        """Return the candidate of a choice whose columns the pool has, by this or another name."""
+        index = {column.key: k for k, column in enumerate(self.observation.columns)}
+        numbers = (index[column.key] for column in build_columns([choice], signals) if column.key in index)
+        columns = tuple(k for k in numbers if k >= self.n_base)
+        return Candidate(choice.effect, choice.joints, choice.shape, columns, choice.runs)
+
     @cached_property
     def is_friction(self) -> BoolArray:
         """Which columns are those of friction (columns,)."""
@@ -115,6 +123,7 @@ def build_pool(
     leads: ShapeProposals | None = None,
     resolved: Resolution | None = None,
     earlier: Pool | None = None,
+    refined: Sequence[EffectChoice] = (),
 ) -> Pool:
     """Build the columns of a model and of everything that might be missing in it.
 
@@ -130,6 +139,8 @@ def build_pool(
         What the data can resolve: shape constants below it are not offered.
     earlier : Pool, optional
         A pool with fewer proposals, whose columns stand first.
+    refined : sequence of EffectChoice
+        What was found, with shape constants that are none of the grid.
 
     Returns
     -------
@@ -145,7 +156,7 @@ def build_pool(
         choice for effect in chosen if effect.may_change for choice in list_change_candidates(effect, model, proposals)
     ]
     known = [candidate.choice for candidate in earlier.candidates] if earlier else []
-    pool = build_pool_of_choices(model, list(dict.fromkeys([*known, *resolvable, *changed])), earlier=earlier)
+    pool = build_pool_of_choices(model, list(dict.fromkeys([*known, *refined, *resolvable, *changed])), earlier=earlier)
     # A line that stands out clearly is a candidate from the start, even if it is among the faint ones as well.
     faint = _select_waves(pool, chosen, model, proposals.angle_lines.faint)
     clear = _select_waves(pool, chosen, model, proposals.angle_lines.clear)

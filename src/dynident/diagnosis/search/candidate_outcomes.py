@@ -225,7 +225,7 @@ class _Judge:
     def _find_explanation(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason | None:
         """Return which finding explains what a candidate would gain by itself; None where none does."""
         gain = last.total_gain if last is not None else 0.0
-        loss = self.record.losses.get(alone.candidate)
+        loss = self.record.losses.get(alone.candidate.choice)
         if (
             loss is None
             or not alone.is_significant(self.final.state.level)

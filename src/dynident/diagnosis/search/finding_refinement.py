@@ -34,7 +34,7 @@ from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
-from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.progress import Progress, ignore_progress
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
@@ -201,13 +201,7 @@ class RecordedSource:
         progress : Progress
             Called with the fraction done and a message; may raise to cancel.
         """
-        return gather_products(
-            pool.observation,
-            self.model.signals,
-            self.inputs,
-            pool.n_base,
-            progress,
-        )
+        return gather_products(pool.observation, self.model.signals, self.inputs, pool.n_base, progress)
 
     def add_findings(self, findings: Sequence[Finding]) -> RecordedSource:
         """Return the same with the torque predicted by the model with these findings in it."""
@@ -292,6 +286,26 @@ def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], join
     )
 
 
+def refine_constants(
+    model: Model, findings: Sequence[Finding], inputs: RegressorInputs, resolved: Resolution
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """Return findings, those alike merged, and what they are with the shape constants that fit best.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    findings : sequence of Finding
+        The findings.
+    inputs : RegressorInputs
+        Recordings that the search learns from, the model's filters, and what torque is predicted with.
+    resolved : Resolution
+        What the data can resolve.
+    """
+    choices = refine_shapes(model, [finding.judged.candidate.choice for finding in findings], inputs)
+    return merge_findings_with_close_constants(findings, choices, model.robot, resolved)
+
+
 # Solutions until first-order columns are about the model that they are part of.
 _PASSES = 2
 
@@ -344,8 +358,8 @@ def refine_findings(
     if not choices:
         return (), (), dropped
     model = identification.model
-    choices = refine_shapes(model, choices, inputs, scale_progress(progress, 0.0, 0.5))
-    findings, choices = merge_findings_with_close_constants(findings, choices, model.robot, resolved)
+    findings, choices = refine_constants(model, findings, inputs, resolved)
+    progress(0.5, "shape constants refined")
     # Refining may lead to constants that the data cannot resolve: then another name that explains as much takes over.
     while unresolved := {
         i: choice.joints for i, choice in enumerate(choices) if not is_width_resolved(choice, model.robot, resolved)

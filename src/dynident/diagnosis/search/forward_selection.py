@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.candidates.significance import ScoredCandidate, has_larger_gain
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
+from dynident.diagnosis.search.acceptance_rules import compute_stability, find_rejection
 from dynident.diagnosis.search.comparison_of_rivals import (
     compare_names,
     explains_as_much,
@@ -28,14 +29,17 @@ from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.search_state import (
     Finding,
     ProductSource,
+    ScoredFamily,
     SearchRecord,
     State,
     score_all,
     score_family,
+    score_on_common_rows,
 )
-from dynident.effects import get_effect
+from dynident.effects import EffectChoice, get_effect
 from dynident.identification.shape_search import list_between
 from dynident.progress import Progress
+from dynident.regressors.model_structure import Model
 
 
 def merge_findings_on_joint(rows: ProductSource, state: State) -> State:
@@ -109,58 +113,63 @@ def _list_single_curves(beside: State, several: Sequence[Finding]) -> list[Candi
     return candidates
 
 
-def revisit_findings(rows: ProductSource, state: State) -> State:
-    """Give functions of a joint's position the names that they have beside all that was found on that joint.
+def revisit_findings(state: State) -> State:
+    """Give findings on single joints the names that they have beside all others.
+
+    The search named each beside what it knew by then; with what it found later, another may say clearly more.
 
     Parameters
     ----------
-    rows : ProductSource
-        Gives products of further columns.
     state : State
         The model so far and what was found.
     """
     for number, finding in enumerate(state.findings):
-        later = state.findings[number + 1 :]
-        # Another function of the position says what its constants are off by, until they are refined.
-        others = [other for other in later if not is_of_position(other)]
-        if _may_be_a_wave(finding) and any(_share_a_joint(finding, other) for other in others):
-            state = _rename_finding(rows, state, number)
+        if len(finding.judged.candidate.joints) != 1 or finding.is_transient:
+            continue
+        better = _find_better_name(state, _score_rivals(state, finding))
+        if better is not None:
+            new = Finding(replace(better, p=finding.p), (), finding.p)
+            rest = state.drop_columns(finding.columns)
+            findings = (*state.findings[:number], new, *state.findings[number + 1 :])
+            state = replace(rest, base=rest.base + new.columns, findings=findings)
     return state
 
 
-def _rename_finding(rows: ProductSource, state: State, number: int) -> State:
-    finding = state.findings[number]
-    mine = finding.judged.candidate
-    without_it = state.drop_findings([finding])
-    # The same joint in the same runs: only the name is in question.
+def _score_rivals(state: State, finding: Finding) -> list[ScoredCandidate]:
+    """Score a finding, and behind it other names on its joint, beside all other findings."""
+    mine, without_it = finding.judged.candidate, state.drop_findings([finding])
     free = [
         candidate
         for candidate in state.pool.candidates
         if (candidate.joints, candidate.runs) == (mine.joints, mine.runs)
         and _is_admissible(candidate, without_it.findings)
+        and candidate != mine
         and not set(candidate.columns) & set(without_it.base)
     ]
     # That something is there was tested among all that could be.
-    judged = [replace(scored, p=finding.p) for scored in score_all(without_it, free)]
-    choice = select_candidate(without_it, judged)
-    if choice is None:
-        return state
-    chosen, equal = compare_names(rows, without_it, choice, judged)
-    new = Finding(chosen, equal, finding.p)
-    findings = (*state.findings[:number], new, *state.findings[number + 1 :])
-    return replace(without_it, base=without_it.base + new.columns, findings=findings)
+    return [replace(scored, p=finding.p) for scored in score_on_common_rows(without_it, mine, free)]
+
+
+def _find_better_name(state: State, scores: Sequence[ScoredCandidate]) -> ScoredCandidate | None:
+    """Return what passes the rules and says clearly more than the first of the candidates, in nearly every draw."""
+    own, *others = scores
+    beside = state.drop_columns(own.candidate.columns)
+    better = [
+        scored
+        for scored in others
+        if scored.candidate.effect != own.candidate.effect
+        and scored.total_gain > own.total_gain
+        and (scored.freedom <= own.freedom or has_larger_gain(scored, own))
+        and find_rejection(beside, scored) is None
+        and is_physically_possible(beside, scored)
+        and compute_stability([scored], [own], state.data.moving.run) >= state.rules.found_again
+    ]
+    return max(better, key=lambda scored: scored.total_gain, default=None)
 
 
 def is_of_position(finding: Finding) -> bool:
     """Return whether a finding is a function of the positions and the direction alone."""
     return get_effect(finding.judged.candidate.effect).of_position
-
-
-def _may_be_a_wave(finding: Finding) -> bool:
-    """Return whether a finding is, or might be called, a wave over the joint's angle."""
-    names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
-    known = {other for name in names for other in (name, *get_effect(name).confused_with, *get_effect(name).covers)}
-    return any(get_effect(name).proposal == "angle_spectrum" for name in known)
 
 
 def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
@@ -173,13 +182,9 @@ def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
     )
 
 
-def _share_a_joint(first: Finding, second: Finding) -> bool:
-    return bool(set(first.judged.candidate.joints) & set(second.judged.candidate.joints))
-
-
 def search_findings(
     state: State,
-    first: Sequence[ScoredCandidate],
+    first: ScoredFamily,
     rows: ProductSource,
     progress: Progress,
     earlier: SearchRecord | None = None,
@@ -198,14 +203,14 @@ def search_findings(
     ----------
     state : State
         The model that the search starts from, with the contacts that disturb it.
-    first : sequence of ScoredCandidate
+    first : ScoredFamily
         All candidates, scored beside that model.
     rows : ProductSource
         Gives products of further columns.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
     earlier : SearchRecord, optional
-        A search with fewer candidates, the first columns of the pool: this one goes on where it ended.
+        A search, what it added with refined shape constants: this one goes on where it ended.
 
     Returns
     -------
@@ -213,7 +218,7 @@ def search_findings(
         What was added, and what became of the other candidates.
     """
     record = SearchRecord(state, rows)
-    contacts, judged = state.findings, first
+    contacts, family = state.findings, first
     firm = is_determined(state)
     if earlier is not None and earlier.added:
         record.losses.update(earlier.losses)
@@ -224,14 +229,19 @@ def search_findings(
             state = replace(state, data=rows.gather_products(state.pool))
         state = state.estimate_noise()
         firm = firm or is_determined(replace(state, findings=contacts))
-        judged = score_family(state, _list_remaining(state.pool, earlier.added)).scored
+        family = score_family(state, _list_remaining(state.pool, earlier.added))
     # Contacts are events of a recording, not effects of the arm: they do not count.
-    while judged and (number := len(state.findings) - len(contacts)) < state.rules.most_effects:
-        progress(number / (number + 1), f"{number} effects found, {len(judged)} candidates")
+    while family.scored and (number := len(state.findings) - len(contacts)) < state.rules.most_effects:
+        progress(number / (number + 1), f"{number} effects found, {len(family.scored)} candidates")
         record.rejections.clear()
+        judged = family.scored
         choice = select_candidate(state, judged, record.rejections)
-        if choice is None:
+        if choice is None and family.is_fresh:
             break
+        if choice is None:
+            # What was found on other joints since changes little: that is asked once nothing else passes.
+            family = score_family(state, [scored.candidate for scored in judged])
+            continue
         # The grid is coarse: before a name is settled, its rivals are tried with finer constants.
         chosen, equal = compare_names(rows, state, choice, judged)
         around = _list_neighbour_columns(state.pool, chosen.candidate, state.base)
@@ -249,8 +259,9 @@ def search_findings(
             break
         state = grown
         remaining = _list_remaining(state.pool, state.findings[len(contacts) :])
-        before, judged = judged, score_family(state, remaining).scored
-        record.record_losses(finding, before, judged)
+        again = changes_prediction(chosen.candidate.choice)
+        family = score_family(state, remaining, None if again else family, chosen.joints)
+        record.record_losses(finding, judged, family.scored)
     record.added = state.findings[len(contacts) :]
     record.state, record.rows = state, rows
     return record
@@ -270,12 +281,31 @@ def settle_findings(record: SearchRecord) -> None:
     """
     # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
     # split.
-    state = merge_findings_on_joint(record.rows, revisit_findings(record.rows, record.state))
+    state = merge_findings_on_joint(record.rows, record.state)
     pruned = prune_findings(state)
     lasting = {finding.judged.candidate for finding in pruned.findings}
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting
     record.dropped.update(dict.fromkeys(superfluous, Reason.build("superfluous")))
     record.state = split_groups(pruned)
+
+
+def place_finding(finding: Finding, choice: EffectChoice, pool: Pool, model: Model) -> Finding:
+    """Return a finding with the shape constants of a choice, as a candidate of a pool.
+
+    Parameters
+    ----------
+    finding : Finding
+        The finding.
+    choice : EffectChoice
+        What it has become.
+    pool : Pool
+        A pool that has the columns of the choice.
+    model : Model
+        The model in which something is missing.
+    """
+    candidate = pool.build_candidate(choice, model.signals)
+    # Neighbours of a coarse constant have done their part.
+    return replace(finding, judged=replace(finding.judged, candidate=candidate), around=())
 
 
 def _list_remaining(pool: Pool, findings: Sequence[Finding]) -> list[Candidate]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 
 import numpy as np
 
@@ -17,12 +16,14 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.search_state import State
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import Column, EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.identification import Identification, extend
+from dynident.estimation import solve_weighted
+from dynident.estimation.least_squares import compute_noise_levels
+from dynident.identification import Identification
 from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.number_format import format_percent
-from dynident.progress import Progress, scale_progress
+from dynident.progress import Progress
 from dynident.recordings import Recording
 
 _AT_FIRST = (
@@ -201,7 +202,7 @@ def extend_with_findings(
 ) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
     """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
 
-    First-order effects come last and one by one: each is about the torque that the model with all others predicts.
+    First-order effects are about the torque that the model with all of them predicts.
 
     Parameters
     ----------
@@ -214,57 +215,64 @@ def extend_with_findings(
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
     """
-    grown = identification
     undetermined: dict[int, tuple[Invisible, Reason]] = {}
-    portions = _group_portions(recommended)
-    for index, portion in enumerate(portions):
-        portion_progress = scale_progress(progress, index / len(portions), (index + 1) / len(portions))
-        if len(portion) > 1:
-            # One after another where one of them cannot be added.
-            with suppress(DynidentError):
-                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, portion_progress)
-                continue
-        for number in portion:
+    while numbers := [number for number in range(len(recommended)) if number not in undetermined]:
+        try:
+            grown = extend_at_once(identification, [recommended[number] for number in numbers], recordings, progress)
+        except DynidentError:
+            return _extend_one_by_one(identification, recommended, numbers, recordings, undetermined)
+        idle = [number for number in numbers if is_only_helpful_at_first(grown, recommended[number])]
+        if not idle:
+            return grown, undetermined
+        for number in idle:
             choice = recommended[number]
-            try:
-                with_it = extend(grown, [choice], recordings, (), portion_progress)
-            except DynidentError as error:
-                invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
-                undetermined[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
-                continue
-            if is_only_helpful_at_first(grown, with_it, choice):
-                invisible = Invisible(choice.effect, choice.joints, _AT_FIRST)
-                undetermined[number] = invisible, Reason.build("no_help_once_added")
-            else:
-                grown = with_it
+            invisible = Invisible(choice.effect, choice.joints, _AT_FIRST)
+            undetermined[number] = invisible, Reason.build("no_help_once_added")
+    return identification, undetermined
+
+
+def _extend_one_by_one(
+    identification: Identification,
+    recommended: Sequence[EffectChoice],
+    numbers: Sequence[int],
+    recordings: Sequence[Recording],
+    undetermined: dict[int, tuple[Invisible, Reason]],
+) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
+    """Extend the model by one effect after another where one of them cannot be added, first-order effects last."""
+    grown = identification
+    for number in sorted(numbers, key=lambda number: get_effect(recommended[number].effect).first_order):
+        choice = recommended[number]
+        try:
+            grown = extend_at_once(grown, [choice], recordings)
+        except DynidentError as error:
+            invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+            undetermined[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
     return grown, undetermined
 
 
-def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
-    """Group the choices into portions that can be added at once: first-order effects stand alone, at the end."""
-    first_order = [get_effect(choice.effect).first_order for choice in recommended]
-    together = [number for number, alone in enumerate(first_order) if not alone]
-    return [*([together] if together else []), *([number] for number, alone in enumerate(first_order) if alone)]
-
-
-def is_only_helpful_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
+def is_only_helpful_at_first(grown: Identification, choice: EffectChoice) -> bool:
     """Return whether a first-order effect explains nothing any more in the model that is identified with it.
 
     Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
-    model, the one with it predicts another torque, and the gain is gone: no joint's error falls noticeably, or all of
-    them together rise.
+    model, the one with it predicts another torque, and the gain is gone: without its columns no joint's error is
+    noticeably larger.
 
     Parameters
     ----------
-    before : Identification
-        The model without the effect.
-    after : Identification
-        The model that was identified with it.
+    grown : Identification
+        The model that was identified with the effect.
     choice : EffectChoice
         The effect.
     """
     if not get_effect(choice.effect).first_order:
         return False
-    was, now = before.fit.rms**2, after.fit.rms**2
-    noise = np.maximum(before.noise**2, np.finfo(float).tiny)
-    return not (now <= (1.0 - RULES.least_drop) * was).any() or float((now / noise).sum()) > float((was / noise).sum())
+    others = [k for k, column in enumerate(grown.model.kept) if not _is_of_choice(column, choice)]
+    now, without = (
+        compute_noise_levels(rows, solve_weighted(rows).values)
+        for rows in (grown.data.training, grown.data.training.select_columns(others))
+    )
+    return not (now**2 <= (1.0 - RULES.least_drop) * without**2).any()
+
+
+def _is_of_choice(column: Column, choice: EffectChoice) -> bool:
+    return column.effect == choice.effect and (not choice.joints or column.link in choice.joints)

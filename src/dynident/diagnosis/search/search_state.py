@@ -28,7 +28,7 @@ from dynident.diagnosis.candidates.significance import (
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES, DecisionRules
 from dynident.diagnosis.outcome_reasons import Reason
-from dynident.effects import get_effect
+from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.least_squares import floor_noise
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
@@ -185,6 +185,27 @@ def score_all(
     return [scored[k] for k in range(len(candidates))]
 
 
+def score_on_common_rows(state: State, own: Candidate, others: Sequence[Candidate]) -> list[ScoredCandidate]:
+    """Score a candidate, and others less what they gain on rows that it is not about, which are no equations for it.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    own : Candidate
+        The candidate that the others are compared with.
+    others : sequence of Candidate
+        The others.
+
+    Returns
+    -------
+    list of ScoredCandidate
+        The candidate and, in their order, the others; their gains can be compared.
+    """
+    turns, starts = state.data.find_row_kinds(own.columns)
+    return score_all(state, [own, *others], kinds=(turns, starts))
+
+
 @dataclass(frozen=True, eq=False)
 class ScoredFamily:
     """Candidates that were scored and tested together.
@@ -195,13 +216,24 @@ class ScoredFamily:
         The candidates.
     levels : FamilywiseLevels
         What the test asks of each of them.
+    contributions : tuple of (s, k)
+        What each block adds to the scores of each of them.
+    is_fresh : bool
+        Whether all of them were scored beside the same model.
     """
 
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
+    contributions: tuple[FloatArray, ...] = ()
+    is_fresh: bool = True
 
 
-def score_family(state: State, candidates: Sequence[Candidate]) -> ScoredFamily:
+def score_family(
+    state: State,
+    candidates: Sequence[Candidate],
+    earlier: ScoredFamily | None = None,
+    changed: Collection[int] = (),
+) -> ScoredFamily:
     """Score candidates as `score_all` does, and test them together.
 
     Parameters
@@ -210,26 +242,33 @@ def score_family(state: State, candidates: Sequence[Candidate]) -> ScoredFamily:
         The model so far and what was found.
     candidates : sequence of Candidate
         Candidates to score.
+    earlier : ScoredFamily, optional
+        Scores beside a model that differs on some joints: they stay for candidates that act on none of these.
+    changed : collection of int
+        Indices of these joints.
 
     Returns
     -------
     ScoredFamily
         The candidates with the p-value of the family-wise test, and what the test asks of each of them.
     """
-    scored: dict[int, ScoredCandidate] = {}
-    scores: dict[int, FloatArray] = {}
-    for rows in _group_by_rows(state, candidates, None):
-        scored.update(zip(rows.members, _score_same_rows(rows, state), strict=True))
+    known = {} if earlier is None else dict(zip(earlier.scored, earlier.contributions, strict=True))
+    pairs = {each.candidate: (each, own) for each, own in known.items() if set(changed).isdisjoint(each.joints)}
+    stale = [candidate for candidate in candidates if candidate not in pairs]
+    is_fresh = len(stale) == len(candidates)
+    for rows in _group_by_rows(state, stale, None):
         each = compute_block_contributions(rows.blocks, rows.total, len(rows.members), state.noise)
-        for k, own in zip(rows.members, each, strict=True):
-            by_scores = state.pool.is_change(candidates[k]) or may_use_scores(candidates[k])
+        for scored, own in zip(_score_same_rows(rows, state), each, strict=True):
+            by_scores = state.pool.is_change(scored.candidate) or may_use_scores(scored.candidate)
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
-            scores[k] = own if by_scores else np.zeros_like(own)
-    order = range(len(candidates))
+            pairs[scored.candidate] = scored, own if by_scores else np.zeros_like(own)
+    members = [pairs[candidate] for candidate in candidates]
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
-    gains = np.stack([scored[k].gains for k in order]) if candidates else np.zeros((0, 0))
-    p, levels = run_familywise_test(gains, [scores[k] for k in order], state.level)
-    return ScoredFamily(tuple(replace(scored[k], p=float(p[k])) for k in order), levels)
+    gains = np.stack([scored.gains for scored, _ in members]) if members else np.zeros((0, 0))
+    contributions = tuple(own for _, own in members)
+    p, levels = run_familywise_test(gains, contributions, state.level)
+    tested = tuple(replace(scored, p=float(own)) for (scored, _), own in zip(members, p, strict=True))
+    return ScoredFamily(tested, levels, contributions, is_fresh)
 
 
 def may_use_scores(candidate: Candidate) -> bool:
@@ -367,7 +406,7 @@ class SearchRecord:
         Why findings were dropped again.
     added : tuple of Finding
         The findings as they were added one by one, before they were renamed, merged, pruned or split.
-    losses : dict of Candidate to Loss
+    losses : dict of EffectChoice to Loss
         Which finding took most of each candidate's gain.
     """
 
@@ -377,7 +416,7 @@ class SearchRecord:
     rejections: dict[Candidate, Reason] = field(default_factory=dict)
     dropped: dict[Candidate, Reason] = field(default_factory=dict)
     added: tuple[Finding, ...] = ()
-    losses: dict[Candidate, Loss] = field(default_factory=dict)
+    losses: dict[EffectChoice, Loss] = field(default_factory=dict)
 
     def record_losses(
         self, finding: Finding, before: Sequence[ScoredCandidate], after: Sequence[ScoredCandidate]
@@ -394,6 +433,6 @@ class SearchRecord:
         gains = {scored.candidate: scored.total_gain for scored in after}
         for scored in before:
             lost = scored.total_gain - gains.get(scored.candidate, 0.0)
-            known = self.losses.get(scored.candidate)
+            known = self.losses.get(scored.candidate.choice)
             if lost > 0.0 and (known is None or lost > known.gain):
-                self.losses[scored.candidate] = Loss(finding, lost)
+                self.losses[scored.candidate.choice] = Loss(finding, lost)
