@@ -85,8 +85,8 @@ def test_every_code_becomes_a_sentence(code):
 
 def test_sentences_tell_the_numbers():
     assert SAMPLES["explained"].text == (
-        "Explained by step 1 (Joint spring on elbow): beside it, 12\u202f% of what this effect removes by itself is "
-        "left."
+        "Explained by step 1 (Joint spring on elbow): after it was added, 12\u202f% of what this effect removes by "
+        "itself remains."
     )
     assert "1.3\u202f%" in SAMPLES["too_small"].text
     assert "2\u202f%" in SAMPLES["too_small"].text

@@ -155,7 +155,7 @@ def _share_types(before: pa.Table, table: pa.Table) -> tuple[pa.Table, pa.Table]
         return before.cast(pa.schema(large)), table.cast(pa.schema(large))
     except pa.ArrowInvalid as error:
         raise make_unusable(
-            f"a column has whole numbers that no fraction can stand beside: {str(error)[:300]}",
+            f"a column has integers, but the new rows have fractions: {str(error)[:300]}",
             "/",
             title="Unusable rows",
         ) from error

@@ -201,8 +201,8 @@ def _word_equivalent(step: int | None, values: Values) -> str:
 
 def _word_explained(step: int | None, values: Values) -> str:
     return (
-        f"Explained by {_word_finding(step, values)}: beside it, {_percent(values['left'])} of what this effect "
-        "removes by itself is left."
+        f"Explained by {_word_finding(step, values)}: after it was added, {_percent(values['left'])} of what this effect "
+        "removes by itself remains."
     )
 
 
@@ -256,7 +256,7 @@ _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingPr
             f"It lowers the error at reversals only: where joints move by {_percent(values['share'])}; "
             f"{_percent(values['least'], 1)} is required."
         ),
-        "superfluous": lambda step, values: "Superfluous: beside the other findings it no longer helps enough.",
+        "superfluous": lambda step, values: "Superfluous: with the other findings it no longer helps enough.",
         "not_resolved": lambda step, values: (
             "Its best shape constant is finer than the filtered position resolves: its name is not certain."
         ),

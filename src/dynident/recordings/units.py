@@ -123,7 +123,7 @@ def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where:
             return factor, OFFSETS.get(name, 0.0)
     if kind == "tau" and plain_unit.casefold() in _SHARES:
         raise RecordingError(
-            f"{unit} of a rated torque is no unit of torque: name the columns as currents (current1, …), and give "
+            f"{unit} of a rated torque is not a unit of torque: name the columns as currents (current1, …), and give "
             f"drive gains in N m per {unit}.",
             pointer=f"/units/{where}",
             title="Unknown unit",

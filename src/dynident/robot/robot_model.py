@@ -202,7 +202,7 @@ class Robot:
         if self.contacts:
             raise DynidentError(
                 f"{self.name} has contacts, whose unknown forces are eliminated. Nothing is known of the mass of a "
-                f"link that stands, so that there is no {purpose}; JSON and predictions have the projected torque.",
+                f"link that stands, so no {purpose} is available; JSON and predictions have the projected torque.",
                 pointer="/robot",
                 title="Not with contacts",
             )

@@ -112,11 +112,11 @@ def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -
 
     kind = trial.name
     if trial.of_model_alone and n_measurements:
-        raise DynidentError(f"{kind} takes no measurement", pointer="RECORDING", title=_TITLE)
+        raise DynidentError(f"{kind} takes no recording", pointer="RECORDING", title=_TITLE)
     if not trial.of_model_alone and not n_measurements:
-        raise DynidentError(f"{kind} needs a measurement", pointer="RECORDING", title=_TITLE)
+        raise DynidentError(f"{kind} needs a recording", pointer="RECORDING", title=_TITLE)
     if kind == "filters" and n_measurements > 1:
-        raise DynidentError("filters needs exactly one measurement", pointer="RECORDING", title=_TITLE)
+        raise DynidentError("filters needs exactly one recording", pointer="RECORDING", title=_TITLE)
     if kind == "payload" and not n_held_out:
         raise DynidentError(
             "payload also needs the runs without the load: --unloaded", pointer="--unloaded", title=_TITLE

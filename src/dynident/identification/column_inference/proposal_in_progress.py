@@ -449,7 +449,7 @@ class WorkingProposal:
             unit = effort.named.strange_unit
             signal = "tau"
             detail = (
-                f"{names} are in {unit}, which is no unit of torque: take them as currents (current1=…), and give "
+                f"{names} are in {unit}, which is not a unit of torque: take them as currents (current1=…), and give "
                 f"drive gains in N m per {unit}."
             )
             self.add_question("effort_kind", detail, ("motor_current",))

@@ -201,9 +201,9 @@ def report_torque_steps(
         Check(
             "torque_step",
             "warning",
-            f"Torques step once, and stay so: {names}, at about t = {t:.4g} s. That is "
+            f"Torques step once, and stay at the new value: {names}, at about t = {t:.4g} s. That is "
             f"{format_percent(largest.explained, decimals=0)} of what is unexplained of {tau[largest.joint]}. A sensor "
-            "was zeroed anew there, or a load was taken up or put down: use the seconds on one side alone (windows), "
+            "was set to zero again there, or a load was picked up or released: use the seconds on one side alone (windows), "
             "or give them as two recordings.",
             tau[largest.joint],
             time=t,

@@ -60,11 +60,11 @@ _NOT_READ = (
     ),
     (b"#group,", _INFLUX),
     (b"#datatype,", _INFLUX),
-    (b"# Created by Octave", "Octave's text: write it anew with save('-v7', 'run.mat', 't', 'q', 'tau'), or as CSV."),
+    (b"# Created by Octave", "Octave's text: write it again with save('-v7', 'run.mat', 't', 'q', 'tau'), or as CSV."),
     (b"<!DOCTYPE html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"<html", "a page of the web, and not the file that it shows: download that itself (raw)."),
-    (b"FEA1", "a Feather file of version 1: write it anew with df.to_feather(…), or as Parquet or CSV."),
-    (b"TDSm", "a TDMS file of LabVIEW: export it as CSV, or write it anew with nptdms and df.to_parquet(…)."),
+    (b"FEA1", "a Feather file of version 1: write it again with df.to_feather(…), or as Parquet or CSV."),
+    (b"TDSm", "a TDMS file of LabVIEW: export it as CSV, or write it again with nptdms and df.to_parquet(…)."),
     (
         b"MDF     ",
         "an MDF measurement (.mf4, .dat): export it as CSV, or with asammdf: mdf.to_dataframe().to_parquet(…).",
@@ -72,8 +72,8 @@ _NOT_READ = (
     (b"LOGG\x90", f"{_OF_BUS} (.blf)."),
     (b"\xd4\xc3\xb2\xa1", f"{_OF_BUS} (.pcap)."),
     (b"\x4d\x3c\xb2\xa1", f"{_OF_BUS} (.pcap)."),
-    (b"CDF\x01", "a NetCDF file of version 3: write it anew as NetCDF 4, or as Parquet or CSV."),
-    (b"CDF\x02", "a NetCDF file of version 3: write it anew as NetCDF 4, or as Parquet or CSV."),
+    (b"CDF\x01", "a NetCDF file of version 3: write it again as NetCDF 4, or as Parquet or CSV."),
+    (b"CDF\x02", "a NetCDF file of version 3: write it again as NetCDF 4, or as Parquet or CSV."),
     (b"7z\xbc\xaf", "an archive (.7z): unpack it, and give the file in it."),
     (b"\xfd7zXZ", "compressed with xz: unpack it (xz -d), or compress it with gzip or zstd."),
     (b"Rar!", "an archive (.rar): unpack it, and give the file in it."),
@@ -93,7 +93,7 @@ _TEXTS_NOT_READ = (
         rb"^[^\s,]+(?:,[^\s,=]+=[^\s,]+)+ [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)* \d{10,19}\s",
         "InfluxDB's line protocol: query it with pivot(…), one row for each moment, and write that as CSV.",
     ),
-    (rb"^\s*\{\s*\{\s*[-+]?\d+\.", 'a list of Mathematica: write it anew with Export["run.csv", data].'),
+    (rb"^\s*\{\s*\{\s*[-+]?\d+\.", 'a list of Mathematica: write it again with Export["run.csv", data].'),
     (
         rb"^(?:[^\n]*\n){0,9}?\[\[[A-Za-z_][\w.]*\]\][^\S\n]*\n\s*+\w+ *=",
         "TOML: write an object of JSON a line instead, or a table as CSV.",
@@ -211,9 +211,7 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
     if rate is None and not any(is_time_name(name) for name in source.names):
         rate = file.stated_rate
         if rate is not None:
-            source.own_remarks += (
-                f"No column is a time: by what the file says beside its columns the rate is {rate:g} Hz.",
-            )
+            source.own_remarks += (f"No column is a time: by the other data in the file the rate is {rate:g} Hz.",)
     return add_stated_time(source, rate)
 
 
