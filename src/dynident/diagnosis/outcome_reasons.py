@@ -201,8 +201,8 @@ def _word_equivalent(step: int | None, values: Values) -> str:
 
 def _word_explained(step: int | None, values: Values) -> str:
     return (
-        f"Explained by {_word_finding(step, values)}: after it was added, {_percent(values['left'])} of what this effect "
-        "removes by itself remains."
+        f"Explained by {_word_finding(step, values)}: after it was added, {_percent(values['left'])} of what this "
+        "effect removes by itself remains."
     )
 
 
