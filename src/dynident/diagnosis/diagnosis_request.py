@@ -110,9 +110,10 @@ def check_request(candidates: Sequence[str], recordings: Sequence[Recording]) ->
         )
     if any(recording.torque_from_commands for recording in recordings):
         raise DynidentError(
-            "no torque was recorded: it was computed from the servos' commands. A supply voltage that drops under load, "
-            "play between motor and encoder and late commands change the true torque as effects of the arm would, and these "
-            "would get their names. Record the currents of the servos (Present_Current) to find what the model lacks",
+            "no torque was recorded: it was computed from the servos' commands. A supply voltage that drops under "
+            "load, play between motor and encoder and late commands change the true torque as effects of the arm "
+            "would, and these would get their names. Record the currents of the servos (Present_Current) to find what "
+            "the model lacks",
             pointer="/recordings",
             title="No measured torque",
         )

@@ -135,9 +135,9 @@ def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
         lost = ", or rows were lost there while the other joints moved little" if size * around > 0.0 else ""
         detail = (
             f"{source} jumps by {size:.3g} between rows {positions.row[row]} and {positions.row[row + 1]} "
-            f"(t = {positions.t[row + 1]:.6g} s) and stays there, while the other joints continue to move: the encoder "
-            f"was set to zero again, or lost counts{lost}. Use the seconds on one side alone (windows), or give them as "
-            "two recordings."
+            f"(t = {positions.t[row + 1]:.6g} s) and stays there, while the other joints continue to move: the "
+            f"encoder was set to zero again, or lost counts{lost}. Use the seconds on one side alone (windows), or "
+            "give them as two recordings."
         )
         checks.append(
             Check("position_jump", "warning", detail, source, int(positions.row[row + 1]), float(positions.t[row + 1]))

@@ -366,7 +366,7 @@ def judge_scale(evidence: HeldOutEvidence) -> list[UseFinding]:
 
 def judge_units(evidence: HeldOutEvidence) -> list[UseFinding]:
     """List wrong known loads as limits, for uses in which torques are only compared with torques."""
-    sentence = "Only in the unit of the recorded torque: a known load is identified with a wrong mass, so all masses are wrong."
+    sentence = "Only in the unit of the recorded torque: a known load has a wrong mass, so all masses are wrong."
     return [UseFinding("limited", sentence, finding.next) for finding in judge_scale(evidence)]
 
 
