@@ -8,7 +8,7 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
-from dynident.excitation.design_request import TRAJECTORY_FORMATS, TrajectoryFormat
+from dynident.excitation.design_request import LEAST_SPEED, TRAJECTORY_FORMATS, TrajectoryFormat
 from dynident_service.designs.wire_types import (
     DesignClearances,
     DesignRequest,
@@ -104,7 +104,7 @@ def get_trajectory(
         ),
     ] = "csv",
     speed: Annotated[
-        float, Query(gt=0.0, le=1.0, description="Share of the designed speed, such as 0.33 for a first run")
+        float, Query(ge=LEAST_SPEED, le=1.0, description="Share of the designed speed, such as 0.33 for a first run")
     ] = 1.0,
 ) -> Response:
     """Give t, q…, dq…, ddq… at the sampling rate, including the moves from and to standstill."""

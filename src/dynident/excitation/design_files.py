@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 from dynident.array_types import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.optimality_criteria import CriterionValues
+from dynident.excitation.design_request import LEAST_SPEED
 from dynident.excitation.design_result import Design
 from dynident.file_output import write_atomically
 from dynident.recordings.arrow_tables import (
@@ -108,7 +109,7 @@ def slow_down(table: pa.Table, speed: float) -> pa.Table:
     table : pyarrow.Table
         The trajectory, as `design_table` gives it, or some of its rows.
     speed : float
-        The share of the speed, 0 < speed <= 1. The rows stay the same, so that the sampling rate falls by this share.
+        The share of the speed. The rows stay the same, so that the sampling rate falls by this share.
 
     Returns
     -------
@@ -133,15 +134,15 @@ def write_design(design: Design, path: Path, speed: float = 1.0) -> None:
     path : Path
         The file: .csv, .parquet, or .yaml for a JointTrajectory of ROS 2.
     speed : float
-        Share of the designed speed, 0 < speed <= 1, for a first run on the robot.
+        Share of the designed speed, for a first run on the robot: `LEAST_SPEED` to 1.
 
     Raises
     ------
     DynidentError
         For a file of another ending, or a speed that is no such share.
     """
-    if not 0.0 < speed <= 1.0:
-        raise DynidentError(f"{speed:g} is not a share of the speed; give more than 0 and at most 1", pointer="speed")
+    if not LEAST_SPEED <= speed <= 1.0:
+        raise DynidentError(f"{speed:g} is not a share of the speed; give {LEAST_SPEED:g} to 1", pointer="speed")
     table = slow_down(design_table(design), speed)
     if path.suffix == ".yaml":
         t, names = table_column_to_floats(table.column("t")), design.joint_names

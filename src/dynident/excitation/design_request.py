@@ -23,6 +23,8 @@ TRAJECTORY_FORMATS = OneOf(
     Choice("json", "JSON"),
     Choice("ros2", "ROS 2 JointTrajectory (YAML)"),
 )
+LEAST_SPEED = 0.01
+"""Least share of the designed speed of a file: below it a motion of a minute takes hours, and joints stick."""
 
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]

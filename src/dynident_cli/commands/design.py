@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
 from dynident.simulation.virtual_robot_request import Simulated
 from dynident_cli.option_parsers import FILE_IN_FOLDER, READABLE_FOLDER
@@ -205,9 +206,10 @@ def design(
     )
 
     # Before the design, which takes minutes.
-    for path in (out, slow):
-        if path is not None:
-            check_ending(path, TRAJECTORY_ENDINGS)
+    for path in (out, *([] if slow is None else [slow])):
+        check_ending(path, TRAJECTORY_ENDINGS)
+    if slow is not None and slow.resolve() == out.resolve():
+        raise DynidentError("--slow and --out name the same file; name two", pointer="--slow")
     machine = argument_loading.load_robot_argument(robot, reading)
     typed_request = request_options.build_request(
         DesignRequest, effects=argument_loading.read_effects(effects, machine) or None
@@ -228,8 +230,13 @@ def design(
     motion.save(out)
     if slow is not None:
         motion.save(slow, _FIRST_SPEED)
-    described, message = lambda: contract_documents.describe_design(experiment), f"trajectory written to {out}"
-    command_output.print_result(as_json, described, lambda console: show_design(console, experiment, machine), message)
+    messages = [f"trajectory written to {out}", *([] if slow is None else [f"a third of its speed: {slow}"])]
+    command_output.print_result(
+        as_json,
+        lambda: contract_documents.describe_design(experiment),
+        lambda console: show_design(console, experiment, machine),
+        *messages,
+    )
     # On stderr, so that they are seen where the result goes into a file or as JSON to a script.
     print_warnings(command_output.message_console(), experiment)
 
