@@ -371,12 +371,14 @@ class _ColumnInference(WorkingProposal):
         turned = of_units.guess_position_unit(self.robot, q, stated, tau, self.fits)
         if turned is not None and stated is None and position.named.motor:
             turned = self.doubt_unit_of_motors(self.fits, q, tau, turned)
-        by_joint = self.guess_units_by_joint(self.fits, position, q, tau, turned)
-        mixed = any(joint.kind == "prismatic" for joint in self.robot.joints) or bool(by_joint)
+        joints = [index for index, joint in enumerate(self.robot.joints) if joint.kind == "revolute"]
+        by_joint = {} if any(turning) else of_units.guess_servo_units(q, joints)
+        by_joint = by_joint or self.guess_units_by_joint(self.fits, position, q, tau, turned)
+        mixed = len(joints) < self.robot.n or len({guess.unit for guess in by_joint.values()}) > 1
         for index, joint in enumerate(self.robot.joints):
             if joint.kind == "revolute":
-                assert turned is not None
-                guess = by_joint.get(index, turned)
+                guess = by_joint.get(index) or turned
+                assert guess is not None
             else:
                 guess = of_units.guess_stroke_unit(q[:, index], joint.reach, units[index])
             factor, offset = find_conversion("q", joint.kind, guess.unit, "q")
