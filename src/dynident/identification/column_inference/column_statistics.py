@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.identification.column_inference.metadata_proposal import UnitGuess
 from dynident.recordings.time_columns import find_unfilled
 from dynident.recordings.units import FACTORS
 
@@ -353,7 +354,7 @@ _SERVO_COUNTS = 4096
 """Counts per turn of Feetech STS and Dynamixel X servos."""
 _FEWEST_COUNTS = 100
 """Counts that the calibrated range of a joint has at least."""
-SERVO_STEPS = (
+_SERVO_STEPS = (
     "the numbers of a joint have one step, a count of its servo. In LeRobot's degrees it is 360/4095. In the shares of "
     "-100 to 100 that LeRobot writes without use_degrees it is 200 (gripper: 100) over the calibrated range, so that "
     "the unit is counts:N with N = 4096 * 200 / (range_max - range_min) of the calibration file (gripper: 100)"
@@ -363,7 +364,7 @@ _SAME_STEP, _SAME_COUNT = 1e-3, 0.1
 """Relative difference of steps that are the same, and difference to a whole number of counts of a range."""
 
 
-def find_servo_units(q: FloatArray) -> list[str | None]:
+def _find_servo_units(q: FloatArray) -> list[str | None]:
     """Find the units of positions that LeRobot wrote, by the step between the numbers of each joint.
 
     It writes degrees, of which a count is 360/4095 in every joint; or shares of the range that the calibration of a
@@ -399,3 +400,21 @@ def find_servo_units(q: FloatArray) -> list[str | None]:
             return []
     # One step for all is that of an encoder or of rounding: ranges of calibrations differ.
     return units if "deg" in units or len(ranges) > 1 else []
+
+
+def guess_servo_units(q: FloatArray, joints: Sequence[int]) -> dict[int, UnitGuess]:
+    """Guess the units of joints that turn by the counts of their servos; empty if none show.
+
+    Parameters
+    ----------
+    q : (m, n)
+        Positions as the file has them.
+    joints : sequence of int
+        Those that turn.
+    """
+    units = dict(zip(joints, _find_servo_units(q[:, list(joints)]), strict=False))
+    guesses = {joint: UnitGuess(unit, 0.95, _SERVO_STEPS) for joint, unit in units.items() if unit is not None}
+    # A joint that moves too little is in degrees if another is; in shares the range of its calibration is needed.
+    in_degrees = "deg" in units.values()
+    still = UnitGuess("deg", 0.95 if in_degrees else 0.4, f"it moves too little to show its unit, but {_SERVO_STEPS}")
+    return {joint: guesses.get(joint, still) for joint in units}

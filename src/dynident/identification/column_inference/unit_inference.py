@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.identification.column_inference.column_statistics import SERVO_STEPS, find_servo_units
 from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import SURE, UnitGuess
 from dynident.number_format import format_percent
@@ -163,7 +162,6 @@ __all__ = [
     "guess_current_unit",
     "guess_position_unit",
     "guess_rate_unit",
-    "guess_servo_units",
     "guess_stroke_unit",
     "guess_torque_unit",
 ]
@@ -261,24 +259,6 @@ def guess_position_unit(
         )
         return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is not plausible")
     return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
-
-
-def guess_servo_units(q: FloatArray, joints: Sequence[int]) -> dict[int, UnitGuess]:
-    """Guess the units of joints that turn by the counts of their servos, see `find_servo_units`; empty if these differ.
-
-    Parameters
-    ----------
-    q : (m, n)
-        Positions as the file has them.
-    joints : sequence of int
-        Those that turn.
-    """
-    units = dict(zip(joints, find_servo_units(q[:, list(joints)]), strict=False))
-    guesses = {joint: UnitGuess(unit, 0.95, SERVO_STEPS) for joint, unit in units.items() if unit is not None}
-    # A joint that moves too little is in degrees if another is; in shares the range of its calibration is needed.
-    in_degrees = "deg" in units.values()
-    still = UnitGuess("deg", 0.95 if in_degrees else 0.4, f"it moves too little to show its unit, but {SERVO_STEPS}")
-    return {joint: guesses.get(joint, still) for joint in units}
 
 
 def _doubt_degrees(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: DynamicsFits) -> UnitGuess | None:
