@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from support import vendor_logs
 from support.running_commands import dynident
@@ -77,6 +78,51 @@ def test_a_data_set_of_lerobot_without_torque_is_proposed_and_only_its_gains_are
     (read,) = dy.read_recordings(path, robot=arm, drive_gains=[GAIN] * 6, **known.said)
     assert read.recording.torque_from_commands
     assert len(read.recording.segments) == 2
+
+
+RANGES = np.array([2400, 2360, 2200, 2340, 4095, 1463])
+"""Counts between range_min and range_max of a calibration file."""
+
+
+def as_lerobot_writes(counts: FloatArray, *, use_degrees: bool) -> FloatArray:
+    """Return positions (m, 6) in LeRobot's numbers; the gripper is a share of its range in either case."""
+    scale = np.full(6, 360.0 / 4095.0) if use_degrees else 200.0 / RANGES
+    scale[5] = 100.0 / RANGES[5]
+    return np.radians(counts * scale)
+
+
+@pytest.mark.parametrize("use_degrees", [True, False])
+def test_shares_of_the_calibrated_range_are_told_from_degrees_by_their_steps(tmp_path, arm, use_degrees):
+    q, commands = (np.rint(part * 4096.0 / (2.0 * np.pi)) for part in make_exact_log(arm, 3, GAIN))
+    written = (as_lerobot_writes(counts, use_degrees=use_degrees) for counts in (q, commands))
+    path = write_data_set(tmp_path / "set", *written, arm)
+    found = dy.inspect(path, arm, drive_gains=[GAIN] * 6)
+    assert found.questions == ()
+    (read,) = dy.read_recordings(path, robot=arm, drive_gains=[GAIN] * 6, **found.said)
+    table = pq.read_table(read.recording.path)
+    read_back = np.column_stack([table[f"q_{joint}"].to_numpy() for joint in arm.joint_names])
+    # The rows of the first episode lie between those of the file, where the commands act.
+    true = 0.5 * (q[: len(q) // 2 - 1] + q[1 : len(q) // 2]) * 2.0 * np.pi / 4096.0
+    assert read_back[: len(true)] == pytest.approx(true, abs=2e-3)
+    assert (found.said["units"]["q1"] == "deg") == use_degrees
+    assert found.said["units"]["q6"] == found.said["units"]["q_command6"] == f"counts:{4096 * 100 / RANGES[5]:.4f}"
+
+
+def test_the_unit_of_a_joint_that_stands_is_asked_for_beside_shares(tmp_path, arm):
+    q, commands = (np.rint(part * 4096.0 / (2.0 * np.pi)) for part in make_exact_log(arm, 3, GAIN))
+    q[:, 4] = commands[:, 4] = 40.0
+    path = write_data_set(
+        tmp_path / "set", *(as_lerobot_writes(counts, use_degrees=False) for counts in (q, commands)), arm
+    )
+    (question,) = dy.inspect(path, arm, drive_gains=[GAIN] * 6).questions
+    assert question.field == "units/q5"
+    assert "range_max - range_min" in question.detail
+
+
+def test_steps_of_rounded_degrees_are_no_shares(tmp_path, arm):
+    q, commands = (np.radians(np.round(np.degrees(part), 1)) for part in make_exact_log(arm, 3, GAIN))
+    found = dy.inspect(write_data_set(tmp_path / "set", q, commands, arm), arm, drive_gains=[GAIN] * 6)
+    assert found.said["units"]["q"] == "deg"
 
 
 def test_commands_that_no_joint_follows_are_not_taken(tmp_path, arm):

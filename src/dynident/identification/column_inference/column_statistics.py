@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.identification.column_inference.metadata_proposal import UnitGuess
 from dynident.recordings.time_columns import find_unfilled
 from dynident.recordings.units import FACTORS
 
@@ -319,3 +320,101 @@ def compute_roughness(values: FloatArray) -> FloatArray:
     size = values.std(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(np.sqrt((second**2).mean(axis=0)) / size))
+
+
+def find_exact_step(values: FloatArray) -> float | None:
+    """Return the step of which all differences of a signal are whole multiples; None where there is none.
+
+    Parameters
+    ----------
+    values : (m,)
+        The signal; NaN where there is no number.
+    """
+    levels = np.unique(values[np.isfinite(values)])
+    gaps = np.diff(levels)
+    # Numbers of 32 bits do not give the same level twice once they were computed with.
+    gaps = gaps[gaps > 4.0 * np.finfo(np.float32).eps * np.abs(levels).max(initial=0.0)]
+    if len(gaps) < _FEWEST_STEPS:
+        return None
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    counts = np.rint(gaps / step)
+    # The sum of all differences gives the step to more digits than one of them.
+    step = float(gaps.sum() / counts.sum())
+    return step if float(np.abs(gaps / step - counts).max()) < _WHOLE else None
+
+
+_FEWEST_STEPS = 12
+"""Differences between neighbouring levels below which a common step may be chance."""
+_WHOLE = 0.1
+"""Steps by which a difference may miss a whole number of them: positions written with three decimals have 0.03."""
+
+_FULL_RANGE = 100.0
+"""Number at the upper end of a calibrated range."""
+_SERVO_COUNTS = 4096
+"""Counts per turn of Feetech STS and Dynamixel X servos."""
+_FEWEST_COUNTS = 100
+"""Counts that the calibrated range of a joint has at least."""
+_SERVO_STEPS = (
+    "the numbers of a joint have one step, a count of its servo. In LeRobot's degrees it is 360/4095. In the shares of "
+    "-100 to 100 that LeRobot writes without use_degrees it is 200 (gripper: 100) over the calibrated range, so that "
+    "the unit is counts:N with N = 4096 * 200 / (range_max - range_min) of the calibration file (gripper: 100)"
+)
+"""Why a unit was taken, as a clause."""
+_SAME_STEP, _SAME_COUNT = 1e-3, 0.1
+"""Relative difference of steps that are the same, and difference to a whole number of counts of a range."""
+
+
+def _find_servo_units(q: FloatArray) -> list[str | None]:
+    """Find the units of positions that LeRobot wrote, by the step between the numbers of each joint.
+
+    It writes degrees, of which a count is 360/4095 in every joint; or shares of the range that the calibration of a
+    joint found, -100 to 100 (0 to 100 of a gripper), of which a count is 200 (100) over that range in counts.
+
+    Parameters
+    ----------
+    q : (m, n)
+        Positions of joints that turn, as the file has them.
+
+    Returns
+    -------
+    list of str or None
+        "deg" or "counts:N" of each joint; None of one that moves too little. Empty where the steps are others.
+    """
+    units: list[str | None] = []
+    ranges = set()
+    for column in q.T:
+        step = find_exact_step(column)
+        counts = 2.0 * _FULL_RANGE / step if step else 0.0
+        if step is None:
+            units.append(None)
+        elif abs(step * (_SERVO_COUNTS - 1) / 360.0 - 1.0) < _SAME_STEP:
+            units.append("deg")
+        elif (
+            float(np.nanmax(np.abs(column))) < _FULL_RANGE * (1.0 + _SAME_STEP)
+            and _FEWEST_COUNTS < counts < 2 * _SERVO_COUNTS
+            and abs(counts - np.rint(counts)) < _SAME_COUNT
+        ):
+            ranges.add(round(counts))
+            units.append(f"counts:{_SERVO_COUNTS * step:.4f}")
+        else:
+            return []
+    # One step for all is that of an encoder or of rounding: ranges of calibrations differ.
+    return units if "deg" in units or len(ranges) > 1 else []
+
+
+def guess_servo_units(q: FloatArray, joints: Sequence[int]) -> dict[int, UnitGuess]:
+    """Guess the units of joints that turn by the counts of their servos; empty if none show.
+
+    Parameters
+    ----------
+    q : (m, n)
+        Positions as the file has them.
+    joints : sequence of int
+        Those that turn.
+    """
+    units = dict(zip(joints, _find_servo_units(q[:, list(joints)]), strict=False))
+    guesses = {joint: UnitGuess(unit, 0.95, _SERVO_STEPS) for joint, unit in units.items() if unit is not None}
+    # A joint that moves too little is in degrees if another is; in shares the range of its calibration is needed.
+    in_degrees = "deg" in units.values()
+    still = UnitGuess("deg", 0.95 if in_degrees else 0.4, f"it moves too little to show its unit, but {_SERVO_STEPS}")
+    return {joint: guesses.get(joint, still) for joint in units}

@@ -27,6 +27,7 @@ from dynident.identification.column_inference.column_statistics import (
     fill_gaps,
     find_changing_columns,
     find_clock_columns,
+    guess_servo_units,
     mask_outliers,
     restore_masked,
 )
@@ -362,8 +363,7 @@ class _ColumnInference(WorkingProposal):
 
     def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
         """Return the positions (m, n) in SI, and note their unit."""
-        # A copy: the values of the sample stay in the units of the file.
-        q = np.array(self.values[:, list(position.columns)])
+        q = np.array(self.values[:, list(position.columns)])  # a copy: the sample keeps the units of the file
         tau = self.values[:, list(effort.columns)]
         units = [self.column_names[index].unit for index in position.columns]
         turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
@@ -371,8 +371,10 @@ class _ColumnInference(WorkingProposal):
         turned = of_units.guess_position_unit(self.robot, q, stated, tau, self.fits)
         if turned is not None and stated is None and position.named.motor:
             turned = self.doubt_unit_of_motors(self.fits, q, tau, turned)
-        by_joint = self.guess_units_by_joint(self.fits, position, q, tau, turned)
-        mixed = any(joint.kind == "prismatic" for joint in self.robot.joints) or bool(by_joint)
+        joints = [index for index, joint in enumerate(self.robot.joints) if joint.kind == "revolute"]
+        by_step = {} if any(turning) else guess_servo_units(q, joints)
+        by_joint = by_step or self.guess_units_by_joint(self.fits, position, q, tau, turned)
+        mixed = len(joints) < self.robot.n or len({guess.unit for guess in by_joint.values()}) > 1
         for index, joint in enumerate(self.robot.joints):
             if joint.kind == "revolute":
                 assert turned is not None
@@ -382,8 +384,7 @@ class _ColumnInference(WorkingProposal):
             factor, offset = find_conversion("q", joint.kind, guess.unit, "q")
             q[:, index] = q[:, index] * factor + offset
             if mixed or index == 0:
-                key = f"q{index + 1}" if mixed else "q"
-                self.take_unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
+                self.take_unit(f"q{index + 1}" if mixed else "q", guess, "m" if joint.kind == "prismatic" else "rad")
         return q
 
     def _guess_rates(self, groups: list[ColumnGroup], position: ColumnGroup, q: FloatArray) -> None:
