@@ -145,8 +145,11 @@ def test_a_mass_that_was_added_to_the_trunk_is_found_there(robot: Robot, tmp_pat
         log = tmp_path / f"added{k}.csv"
         files.append(write_log(log, motion, total[:, 6:] + friction, {"base": total[:, :6]}, noise=0.01, seed=k))
     before, after = dy.read_recordings(*files, robot=robot)[:1], dy.read_recordings(*files, robot=robot)[1:]
-    (change,) = dy.changes(dy.identify(robot, before), before=before, after=after)
+    changes = dy.changes(dy.identify(robot, before), before=before, after=after)
+    (change,) = changes
     assert (change.choice.effect, change.choice.joints) == ("payload", ("base_roll",))
+    assert "Added mass on trunk" in changes.summary
+    assert change.evidence.startswith("Added mass on trunk: Mp6 differs")
     values = {value.parameter: value.value for value in (change.main, *change.more)}
     assert values["Mp6"] == pytest.approx(0.5, rel=0.02)
     assert values["m l"] == pytest.approx(0.5 * float(np.linalg.norm(place)), rel=0.05)
