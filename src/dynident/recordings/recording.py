@@ -338,7 +338,7 @@ class SampleBlock:
             return
         per_sample = {name: each for name, each in vars(self).items() if isinstance(each, np.ndarray)}
         for first in range(0, len(self.t), length):
-            parts = {name: each[first : first + length] for name, each in per_sample.items()}
+            parts: dict[str, Any] = {name: each[first : first + length] for name, each in per_sample.items()}
             yield replace(self, **parts, starts_segment=self.starts_segment and first == 0)
 
 
