@@ -301,6 +301,8 @@ class Effect(ABC):
     may_change, changes_with, seldom_changes
         It may change from one day to the next; effects that then usually change as well; a more usual effect with the
         same consequences is named instead of it.
+    shifts_zero
+        It is an error of a joint's zero position, which feet that stand show.
     shown_by
         Parameters of which at least one has to act for the effect to be recognised.
     experiment, place_experiment, told_from
@@ -340,6 +342,7 @@ class Effect(ABC):
     may_change: ClassVar[bool] = False
     changes_with: ClassVar[tuple[str, ...]] = ()
     seldom_changes: ClassVar[bool] = False
+    shifts_zero: ClassVar[bool] = False
     shown_by: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[ExperimentKind] = "whole_range"
     place_experiment: ClassVar[ExperimentKind] = "whole_range"

@@ -21,6 +21,7 @@ from dynident.diagnosis.residuals.spectral_peaks import (
     find_base_vibration,
     find_motion_lines,
 )
+from dynident.effects import CATALOGUE
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.robot.contacts import find_largest_zero_errors
@@ -142,8 +143,8 @@ def _find_largest_sizes(
         pairs = zip(comparisons, is_later, strict=True)
         motions = [(comparison.q, comparison.dq) for comparison, later in pairs if later == day]
         for joint, most in find_largest_zero_errors(robot, motions).items():
-            key = ("encoder_zero_error", joint)
-            largest[key] = max(most, largest.get(key, 0.0))
+            for key in ((effect.id, joint) for effect in CATALOGUE.values() if effect.shifts_zero):
+                largest[key] = max(most, largest.get(key, 0.0))
     return largest
 
 
