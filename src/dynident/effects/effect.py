@@ -298,11 +298,8 @@ class Effect(ABC):
         All of its one parameter holds a joint at rest, whatever its shape constants.
     acts_at_rest
         Recordings at rest determine its parameters; of links, those of gravity.
-    may_change, changes_with, seldom_changes
-        It may change from one day to the next; effects that then usually change as well; a more usual effect with the
-        same consequences is named instead of it.
-    shifts_zero
-        It is an error of a joint's zero position, which feet that stand show.
+    may_change, changes_with, seldom_changes, shifts_zero
+        It may change from one day to the next; what changes as well; a more usual effect is named instead; zeros shift.
     shown_by
         Parameters of which at least one has to act for the effect to be recognised.
     experiment, place_experiment, told_from

@@ -222,7 +222,7 @@ def compute_contact_projection(robot: Robot, q: FloatArray) -> FloatArray:
 def _project_on_null_space(matrices: FloatArray) -> FloatArray:
     """Return 1 - A⁺A (m, n, n) of matrices A (m, k, n)."""
     if matrices.shape[1] > matrices.shape[2]:
-        return np.eye(matrices.shape[2]) - np.linalg.pinv(matrices, rcond=_RANK) @ matrices
+        return np.asarray(np.eye(matrices.shape[2]) - np.linalg.pinv(matrices, rcond=_RANK) @ matrices)
     # With full rank A⁺A = QQᵀ for Aᵀ = QR, some six times as fast as singular values.
     basis, factor = np.linalg.qr(matrices.transpose(0, 2, 1))
     projection = np.eye(matrices.shape[2]) - basis @ basis.transpose(0, 2, 1)
@@ -231,7 +231,7 @@ def _project_on_null_space(matrices: FloatArray) -> FloatArray:
     if deficient.any():
         few = matrices[deficient]
         projection[deficient] = np.eye(few.shape[2]) - np.linalg.pinv(few, rcond=_RANK) @ few
-    return projection
+    return np.asarray(projection)
 
 
 def find_largest_zero_errors(robot: Robot, motions: Sequence[tuple[FloatArray, FloatArray]]) -> dict[str, float]:
