@@ -133,7 +133,7 @@ def main() -> None:
     parser.add_argument("--robots", default="quadruped,humanoid")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--duration", type=float, default=15.0)
+    parser.add_argument("--duration", type=float, default=30.0)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -145,11 +145,25 @@ def test_a_mass_that_was_added_to_the_trunk_is_found_there(robot: Robot, tmp_pat
         log = tmp_path / f"added{k}.csv"
         files.append(write_log(log, motion, total[:, 6:] + friction, {"base": total[:, :6]}, noise=0.01, seed=k))
     before, after = dy.read_recordings(*files, robot=robot)[:1], dy.read_recordings(*files, robot=robot)[1:]
-    (change,) = dy.changes(dy.identify(robot, before), before=before, after=after)
+    changes = dy.changes(dy.identify(robot, before), before=before, after=after)
+    (change,) = changes
     assert (change.choice.effect, change.choice.joints) == ("payload", ("base_roll",))
+    assert "Added mass on trunk" in changes.summary
+    assert change.evidence.startswith("Added mass on trunk: Mp6 differs")
     values = {value.parameter: value.value for value in (change.main, *change.more)}
     assert values["Mp6"] == pytest.approx(0.5, rel=0.02)
     assert values["m l"] == pytest.approx(0.5 * float(np.linalg.norm(place)), rel=0.05)
+
+
+def test_a_robot_that_only_stands_is_asked_to_lift_its_feet(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    feet = ["shin@0,0,-0.4^0.03", "shin@0,0.05,-0.4^0.03"]
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", feet)
+    motion = draw_motion(1)
+    torque, _ = stand_on_shin(motion)
+    recordings = dy.read_recordings(write_log(tmp_path / "stand.csv", motion, torque, noise=0.01, seed=1), robot=robot)
+    with pytest.raises(DynidentError, match="lifts its feet one after the other and shifts its weight"):
+        dy.identify(robot, recordings)
 
 
 def test_equation_types_that_a_moving_base_has_not_are_refused(robot: Robot, tmp_path: Path) -> None:

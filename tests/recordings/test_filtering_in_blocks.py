@@ -185,3 +185,17 @@ def test_a_cutoff_above_the_nyquist_frequency_is_refused_and_the_frequency_named
     with pytest.raises(RecordingError, match="250 Hz") as caught:
         next(filtered_blocks(recording, Preprocessing(300.0, None)))
     assert caught.value.pointer == "/preprocessing/position_cutoff"
+
+
+def test_a_block_is_split_without_losing_a_sample():
+    t, q, tau = random_walk(1000)
+    recording = recording_from_arrays(t, q, tau, joint_names=("a", "b"))
+    (whole,) = filtered_blocks(recording, Preprocessing(None, None))
+    parts = list(whole.split(300))
+    assert [len(part.t) for part in parts] == [300, 300, 300, 100]
+    assert [part.starts_segment for part in parts] == [True, False, False, False]
+    for name in ("t", "q", "dq", "ddq", "dddq", "ddddq", "tau", "used"):
+        np.testing.assert_array_equal(
+            np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name), strict=True
+        )
+    assert list(whole.split(1000)) == [whole]

@@ -19,6 +19,7 @@ from dynident.robot.contacts import (
     compute_contact_heights,
     compute_contact_jacobian,
     compute_contact_projection,
+    find_largest_zero_errors,
     parse_contact,
 )
 from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
@@ -106,3 +107,39 @@ def test_a_lifted_foot_is_not_eliminated_and_forces_on_the_other_are() -> None:
     # Between the two it changes smoothly: measured positions and filtered ones give nearly the same.
     steps = np.abs(np.diff(projection, axis=0)).max(axis=(1, 2))
     assert steps.max() < 0.03
+
+
+def test_feet_that_stand_show_the_zero_positions_of_their_joints() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    robot = replace(floating, contacts=(Contact("shin", (0.0, 0.02, -0.4)), Contact("arm", (0.1, 0.1, 0.1))))
+    motion = draw_motion(3, 4.0, 50.0)
+    q = np.hstack([motion.q[:, :3], compute_base_angles(motion.q[:, 3:7]), motion.q[:, 7:]])
+    # Velocities with which neither contact moves, whatever the joints do.
+    wished = np.random.default_rng(4).standard_normal((len(q), robot.n))
+    dq = np.einsum("mij,mj->mi", compute_contact_projection(robot, q), wished)
+    dq += 1e-4 * np.random.default_rng(5).standard_normal(dq.shape)
+    names = robot.joint_names[6:]
+    sound = find_largest_zero_errors(robot, [(q, dq)])
+    assert set(sound) == set(names)
+    assert max(sound.values()) < 1e-3
+    shifted = q.copy()
+    shifted[:, robot.joint_names.index("knee")] -= 0.05
+    assert 0.04 < find_largest_zero_errors(robot, [(shifted, dq)])["knee"] < 0.2
+    # Nothing is known where the joints do not move, nor without contacts.
+    assert find_largest_zero_errors(robot, [(q, 0.0 * dq)]) == {}
+    assert find_largest_zero_errors(floating, [(q, dq)]) == {}
+
+
+def test_the_projection_of_contacts_that_hold_each_other_is_the_same() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    once = replace(floating, contacts=(Contact("shin"),))
+    # Two points of a link that has all six directions already: J does not have full rank.
+    twice = replace(floating, contacts=(Contact("shin"), Contact("shin", (0.0, 0.1, 0.0))))
+    motion = draw_motion(3, 0.5, 50.0)
+    q = np.hstack([motion.q[:, :3], compute_base_angles(motion.q[:, 3:7]), motion.q[:, 7:]])
+    projection = compute_contact_projection(once, q)
+    np.testing.assert_allclose(compute_contact_projection(twice, q), projection, atol=1e-9)
+    jacobian = compute_contact_jacobian(once, q)
+    expected = np.eye(robot_size := once.n) - np.linalg.pinv(jacobian) @ jacobian
+    assert projection.shape[1:] == (robot_size, robot_size)
+    np.testing.assert_allclose(projection, expected, atol=1e-12)

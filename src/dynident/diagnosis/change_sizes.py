@@ -86,7 +86,7 @@ def yield_changes(estimates: Estimates, finding: Finding, ranked: RankedEffect) 
             main=values[0],
             more=tuple(values[1:]),
             p_value=ranked.p_value,
-            evidence=f"{_word_change(choice, values[0])} "
+            evidence=f"{_word_change(choice, values[0], describe_carrier(estimates.robot, choice))} "
             f"{ranked.evidence}{_word_gain_reservation(estimates.robot, choice)}"
             f"{_word_temperature_reservation(estimates, choice, joint)}",
             equivalent=tuple(dict.fromkeys(names)),
@@ -218,8 +218,14 @@ def _compute_moment(estimates: Estimates, moments: Sequence[int]) -> ChangedValu
     return ChangedValue("m l", size, "kg m", (size - half, size + half))
 
 
-def _word_change(choice: EffectChoice, value: ChangedValue) -> str:
-    place = f" on {describe_place(choice.joints)}" if choice.joints else ""
+def describe_carrier(robot: Robot, choice: EffectChoice) -> str:
+    """Return the names of an effect's joints in words; of what sits on the floating base the name of its link."""
+    links = {joint.name: joint.link or joint.name for joint in robot.joints[: robot.n_base]}
+    return describe_place([links.get(name, name) for name in choice.joints])
+
+
+def _word_change(choice: EffectChoice, value: ChangedValue, carrier: str) -> str:
+    place = f" on {carrier}" if choice.joints else ""
     low, high = value.interval
     unit = "" if value.unit == "-" else f" {value.unit}"
     was = "" if value.before is None else f", {value.before:.3g} before"

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.change_sizes import Estimates, yield_changes
+from dynident.diagnosis.change_sizes import Estimates, describe_carrier, yield_changes
 from dynident.diagnosis.comparison.data_leakage import find_overlaps
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.diagnosis_result import Change, FrictionDifference, RankedEffect
@@ -32,6 +32,7 @@ from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.robot.joint import Joint
+from dynident.robot.robot_model import Robot
 
 
 def add_friction_differences(
@@ -308,11 +309,13 @@ def list_changes(
     return tuple(changes)
 
 
-def word_changes(changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
+def word_changes(robot: Robot, changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
     """Word what changed in a sentence, and how much friction may have changed without being seen.
 
     Parameters
     ----------
+    robot : Robot
+        The robot.
     changes : sequence of Change
         What differs.
     friction : sequence of FrictionDifference
@@ -327,7 +330,8 @@ def word_changes(changes: Sequence[Change], friction: Sequence[FrictionDifferenc
     if not changes:
         return f"These recordings show no change since the baseline.{bound}"
     parts = [
-        f"{get_effect(change.choice.effect).title}{f' on {change.choice.joints[0]}' if change.choice.joints else ''} "
+        f"{get_effect(change.choice.effect).title}"
+        f"{f' on {describe_carrier(robot, change.choice)}' if change.choice.joints else ''} "
         f"({change.main.parameter} {change.main.value:+.3g}{'' if change.main.unit == '-' else f' {change.main.unit}'})"
         for change in changes
     ]

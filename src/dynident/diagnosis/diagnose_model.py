@@ -296,7 +296,7 @@ def examine(
         is_given_up=record.is_undetermined,
     )
     sentences = [
-        *([word_changes(changes, friction)] if changes is not None else []),
+        *([word_changes(model.robot, changes, friction)] if changes is not None else []),
         *undisturbed.sentences,
         word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model),
         *([UNDETERMINED] if record.is_undetermined else []),

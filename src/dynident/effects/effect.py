@@ -298,9 +298,8 @@ class Effect(ABC):
         All of its one parameter holds a joint at rest, whatever its shape constants.
     acts_at_rest
         Recordings at rest determine its parameters; of links, those of gravity.
-    may_change, changes_with, seldom_changes
-        It may change from one day to the next; effects that then usually change as well; a more usual effect with the
-        same consequences is named instead of it.
+    may_change, changes_with, seldom_changes, shifts_zero
+        It may change from one day to the next; what changes as well; a more usual effect is named instead; zeros shift.
     shown_by
         Parameters of which at least one has to act for the effect to be recognised.
     experiment, place_experiment, told_from
@@ -340,6 +339,7 @@ class Effect(ABC):
     may_change: ClassVar[bool] = False
     changes_with: ClassVar[tuple[str, ...]] = ()
     seldom_changes: ClassVar[bool] = False
+    shifts_zero: ClassVar[bool] = False
     shown_by: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[ExperimentKind] = "whole_range"
     place_experiment: ClassVar[ExperimentKind] = "whole_range"

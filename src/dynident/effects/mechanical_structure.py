@@ -37,6 +37,7 @@ class EncoderZeroError(Effect):
     first_order = True
     needs_load = True
     may_change = True
+    shifts_zero = True
 
     def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: two degrees, or three millimetres."""

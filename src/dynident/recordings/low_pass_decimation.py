@@ -20,6 +20,10 @@ ATTENUATION = 50.0
 """Attenuation of the stop band in dB: what folds back under the cut-off by decimation is below 0.3 % of itself."""
 
 
+_NUMBERS_AT_ONCE, _LEAST_AT_ONCE = 1 << 24, 256
+"""Numbers that are evaluated at once, 128 MB, and the fewest samples: robots on their feet have 40,000 columns."""
+
+
 class FilteredRows(NamedTuple):
     """Rows that are left after filtering and decimation.
 
@@ -240,6 +244,7 @@ def filter_in_parallel(
     preprocessing: Preprocessing,
     values: _BlockFunction,
     segments: Sequence[int] | None = None,
+    width: int = 1,
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Stream `values` of every block through the parallel filter.
 
@@ -251,13 +256,15 @@ def filter_in_parallel(
         Gives (m, k) of a block of filtered positions.
     segments : sequence of int, optional
         Which segments, by index; all by default.
+    width : int
+        Number of columns k, where it may be large: of many columns fewer samples are evaluated at once.
 
     Yields
     ------
     segment, t (m,), rows (m, k)
         Used rows alone; none where a recording under way has no more for now.
     """
-    return low_pass_samples(stream_samples(recording, preprocessing, values, segments), recording, preprocessing)
+    return low_pass_samples(stream_samples(recording, preprocessing, values, segments, width), recording, preprocessing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,6 +297,7 @@ def stream_samples(
     preprocessing: Preprocessing,
     values: _BlockFunction,
     segments: Sequence[int] | None = None,
+    width: int = 1,
 ) -> Iterator[Samples]:
     """Stream `values` of every block of filtered positions; of a large recording the next block is prepared ahead.
 
@@ -301,6 +309,8 @@ def stream_samples(
         Gives (m, k) of a block of filtered positions.
     segments : sequence of int, optional
         Which segments, by index; all by default.
+    width : int
+        Number of columns k, where it may be large: of many columns fewer samples are evaluated at once.
 
     Yields
     ------
@@ -315,7 +325,8 @@ def stream_samples(
             block.used,
             values(block) if len(block.t) else np.empty((0, 0)),
         )
-        for block in filtered_blocks(recording, preprocessing, segments=segments)
+        for whole in filtered_blocks(recording, preprocessing, segments=segments)
+        for block in whole.split(max(_LEAST_AT_ONCE, _NUMBERS_AT_ONCE // max(width, 1)))
     )
     return prefetch(samples, recording.n_samples)
 

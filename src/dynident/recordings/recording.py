@@ -331,6 +331,16 @@ class SampleBlock:
     starts_segment: bool
     wrench: FloatArray | None = None
 
+    def split(self, length: int) -> Iterator[SampleBlock]:
+        """Yield the samples in consecutive blocks of so many at most; a block without samples as it is."""
+        if len(self.t) <= length:
+            yield self
+            return
+        per_sample = {name: each for name, each in vars(self).items() if isinstance(each, np.ndarray)}
+        for first in range(0, len(self.t), length):
+            parts: dict[str, Any] = {name: each[first : first + length] for name, each in per_sample.items()}
+            yield replace(self, **parts, starts_segment=self.starts_segment and first == 0)
+
 
 def are_readings(values: FloatArray) -> BoolArray:
     """Return which values a sensor could have given: numbers, and not beyond all size."""

@@ -255,7 +255,7 @@ def stream_filtered_samples(
             rows[:, held] = certain & moves
         return rows
 
-    for segment, t, rows in filter_in_parallel(recording, preprocessing, values, segments):
+    for segment, t, rows in filter_in_parallel(recording, preprocessing, values, segments, torque.stop):
         if not len(t):
             yield FilteredSamples(t, rows, rows, segment)
             continue

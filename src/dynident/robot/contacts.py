@@ -20,8 +20,12 @@ from dynident.robot.robot_model import Robot
 _TITLE = "Unusable contact"
 _FARTHEST = 1e4
 """Largest coordinate of a contact in the frame of its link, m."""
+_STEP = 1e-4
+"""Step of a joint by which slopes are taken, rad or m."""
 _RANK = 1e-8
 """Share of the largest singular value of J below which a direction counts as none: two feet that cannot move apart."""
+_SURE_RANK = 1e-5
+"""The same of the triangular factor of Jᵀ, down to which J has full rank; below it, its singular values decide."""
 
 
 def parse_contact(text: str) -> Contact:
@@ -212,5 +216,65 @@ def compute_contact_projection(robot: Robot, q: FloatArray) -> FloatArray:
     jacobian = shares[:, :, None] * _compute_jacobian(robot, q, frames)
     if (shares < 1.0).any():
         jacobian = np.concatenate([jacobian, np.sqrt(1.0 - shares**2)[:, :, None] * np.eye(shares.shape[1])], axis=2)
-    projection = np.eye(jacobian.shape[2]) - np.linalg.pinv(jacobian, rcond=_RANK) @ jacobian
-    return np.asarray(projection[:, :n, :n])
+    return _project_on_null_space(jacobian)[:, :n, :n]
+
+
+def _project_on_null_space(matrices: FloatArray) -> FloatArray:
+    """Return 1 - A⁺A (m, n, n) of matrices A (m, k, n)."""
+    if matrices.shape[1] > matrices.shape[2]:
+        return np.asarray(np.eye(matrices.shape[2]) - np.linalg.pinv(matrices, rcond=_RANK) @ matrices)
+    # With full rank A⁺A = QQᵀ for Aᵀ = QR, some six times as fast as singular values.
+    basis, factor = np.linalg.qr(matrices.transpose(0, 2, 1))
+    projection = np.eye(matrices.shape[2]) - basis @ basis.transpose(0, 2, 1)
+    diagonal = np.abs(np.diagonal(factor, axis1=1, axis2=2))
+    deficient = diagonal.min(axis=1) <= _SURE_RANK * diagonal.max(axis=1)
+    if deficient.any():
+        few = matrices[deficient]
+        projection[deficient] = np.eye(few.shape[2]) - np.linalg.pinv(few, rcond=_RANK) @ few
+    return np.asarray(projection)
+
+
+def find_largest_zero_errors(robot: Robot, motions: Sequence[tuple[FloatArray, FloatArray]]) -> dict[str, float]:
+    """Return the largest errors of joints' zero positions, by joint, that contacts which do not slide allow.
+
+    A contact that stands moves by itself as soon as a joint between it and the base is somewhere else than measured.
+    The error of each joint is what explains most of the computed sliding, alone.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; nothing is said of joints that move no contact.
+    motions : sequence of ((m, n), (m, n))
+        Positions and velocities of recordings with the same zero positions.
+
+    Returns
+    -------
+    dict of str to float
+        Estimate and three standard deviations, rad or m.
+    """
+    if not robot.contacts or robot.linkage is not None:
+        return {}
+    joints = [j for j in np.flatnonzero(find_mixed_joints(robot)) if j >= robot.n_base]
+    products, squares = np.zeros((2, len(joints)))
+    for q, dq in motions:
+        sliding, is_standing = _compute_sliding(robot, q, dq)
+        slopes = np.zeros((len(joints), *sliding.shape))
+        for k, joint in enumerate(joints):
+            step = np.zeros(robot.n)
+            step[joint] = _STEP
+            slopes[k] = (_compute_sliding(robot, q + step, dq)[0] - sliding) / _STEP
+        slopes, sliding = slopes[:, is_standing], sliding[is_standing]
+        # Recordings in which feet roll or slide count for less.
+        weight = 1.0 / max(float(np.mean(sliding**2)) if sliding.size else 0.0, np.finfo(float).tiny)
+        products -= weight * (slopes @ sliding)
+        squares += weight * (slopes**2).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        largest = np.abs(products / squares) + 3.0 / np.sqrt(squares)
+    return {robot.joint_names[j]: float(most) for j, most in zip(joints, largest, strict=True) if np.isfinite(most)}
+
+
+def _compute_sliding(robot: Robot, q: FloatArray, dq: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the velocities (m, k) of contacts, and which of them certainly touch."""
+    frames = joint_frames(robot, q)
+    velocities = np.einsum("mkn,mn->mk", _compute_jacobian(robot, q, frames), dq)
+    return velocities, np.asarray(_compute_shares(robot, frames) == 1.0)

@@ -6,7 +6,7 @@ Holds why an effect is not tried (too short a session, too narrow for the filter
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -74,6 +74,8 @@ class Pool:
         Labels of the later runs, where changes between them and the others are looked for.
     faint : frozenset[Candidate]
         Candidates that are tried only once something was found on their joint.
+    largest : mapping of (str, str) to float
+        Largest size that the positions alone allow an effect on a joint, by effect and joint.
     """
 
     observation: Observation
@@ -81,6 +83,7 @@ class Pool:
     candidates: tuple[Candidate, ...]
     since: tuple[str, ...] = ()
     faint: frozenset[Candidate] = frozenset()
+    largest: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def initial_candidates(self) -> list[Candidate]:
@@ -160,7 +163,7 @@ def build_pool(
     # A line that stands out clearly is a candidate from the start, even if it is among the faint ones as well.
     faint = _select_waves(pool, chosen, model, proposals.angle_lines.faint)
     clear = _select_waves(pool, chosen, model, proposals.angle_lines.clear)
-    return replace(pool, since=proposals.since, faint=faint - clear)
+    return replace(pool, since=proposals.since, faint=faint - clear, largest=proposals.largest)
 
 
 def _select_waves(

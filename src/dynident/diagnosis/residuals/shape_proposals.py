@@ -5,7 +5,7 @@ Holds how many groups of runs are tried (16); the peaks are found in `spectral_p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -21,8 +21,10 @@ from dynident.diagnosis.residuals.spectral_peaks import (
     find_base_vibration,
     find_motion_lines,
 )
+from dynident.effects import CATALOGUE
 from dynident.identification import Identification
 from dynident.recordings import Recording
+from dynident.robot.contacts import find_largest_zero_errors
 from dynident.robot.robot_model import Robot
 
 # Groups that are tried: each is a candidate in every round.
@@ -49,6 +51,8 @@ class ShapeProposals:
         Time that the clock of all recordings has run, s; 0 where it starts anew in each.
     since : tuple of str
         Labels of the later runs, where changes between them and the others are looked for.
+    largest : mapping of (str, str) to float
+        Largest size that the positions alone allow an effect on a joint, by effect and joint.
     """
 
     angle_lines: AngleLines = field(default_factory=AngleLines)
@@ -58,6 +62,7 @@ class ShapeProposals:
     has_temperature: bool = False
     session: float = 0.0
     since: tuple[str, ...] = ()
+    largest: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def single_runs(self) -> list[tuple[str, ...]]:
@@ -124,7 +129,23 @@ def propose_shapes(
         has_temperature=all(recording.has_temperature for recording in recordings),
         session=compute_session_length(recordings),
         since=since,
+        largest=_find_largest_sizes(comparisons, recordings, identification.model.robot, since),
     )
+
+
+def _find_largest_sizes(
+    comparisons: Sequence[Comparison], recordings: Sequence[Recording], robot: Robot, since: tuple[str, ...]
+) -> dict[tuple[str, str], float]:
+    """Return how large errors of joints' zero positions may be by what feet that stand show, on either day."""
+    is_later = [bool(set(recording.segment_names) & set(since)) for recording in recordings]
+    largest: dict[tuple[str, str], float] = {}
+    for day in sorted(set(is_later)):
+        pairs = zip(comparisons, is_later, strict=True)
+        motions = [(comparison.q, comparison.dq) for comparison, later in pairs if later == day]
+        for joint, most in find_largest_zero_errors(robot, motions).items():
+            for key in ((effect.id, joint) for effect in CATALOGUE.values() if effect.shifts_zero):
+                largest[key] = max(most, largest.get(key, 0.0))
+    return largest
 
 
 def compute_session_length(recordings: Sequence[Recording]) -> float:

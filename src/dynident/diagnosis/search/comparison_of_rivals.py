@@ -176,5 +176,6 @@ def refine_grid(rows: ProductSource, state: State, choices: Sequence[EffectChoic
         What stands behind these columns.
     """
     base = [state.pool.observation.columns[k] for k in state.base]
-    pool = replace(build_pool_of_choices(rows.model, choices, base), since=state.pool.since)
+    pool = build_pool_of_choices(rows.model, choices, base)
+    pool = replace(pool, since=state.pool.since, largest=state.pool.largest)
     return replace(state, data=rows.gather_products(pool), pool=pool, base=tuple(range(pool.n_base)))

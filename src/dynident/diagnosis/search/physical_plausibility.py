@@ -103,9 +103,14 @@ def _check_parameters(
     else:
         own, shape = _build_estimates(values, doubts), scored.candidate.choice.shape_values
         is_possible = all(effect.is_plausible(known, shape) for _, known in _group_by_link(pool, scored, own))
+    pairs = [(pool.observation.columns[k], estimate) for k, estimate in zip(scored.candidate.columns, own, strict=True)]
+    for column, estimate in pairs:
+        # Feet that would slide say of a joint's zero position what torques can only guess.
+        most = pool.largest.get((effect.id, column.link), np.inf)
+        if abs(estimate.value) > most + estimate.doubt:
+            return _build_impossible(column, estimate, f"larger than standing feet allow ({most:.3g} {column.unit})")
     if is_possible:
         return None
-    pairs = [(pool.observation.columns[k], estimate) for k, estimate in zip(scored.candidate.columns, own, strict=True)]
     # The parameter that is most clearly impossible, or where each is possible by itself the largest, stands for all.
     return _build_impossible(*max(pairs, key=lambda pair: (not _is_admitted(*pair), abs(pair[1].value))))
 
@@ -115,8 +120,8 @@ def _is_admitted(column: Column, estimate: Estimate) -> bool:
     return spec is None or spec.admits(estimate)
 
 
-def _build_impossible(column: Column, estimate: Estimate) -> Reason:
-    """Return the reason that a parameter has a sign or size that nature does not allow."""
+def _build_impossible(column: Column, estimate: Estimate, why: str = "") -> Reason:
+    """Return the reason that a parameter has a sign or size that nature does not allow, or the recordings (`why`)."""
     spec = get_spec(column)
     violates = "not consistent with its other parameters"
     # A parameter that is the only one of its effect is consistent with the others: only its sign can be wrong.
@@ -127,7 +132,9 @@ def _build_impossible(column: Column, estimate: Estimate) -> Reason:
         violates = f"larger than occurs ({spec.most:.3g} {column.unit})"
     elif spec is not None and abs(estimate.value) < spec.least:
         violates = f"too small to notice ({spec.least:.3g} {column.unit})"
-    return Reason.build("impossible", parameter=column.name, value=estimate.value, unit=column.unit, violates=violates)
+    return Reason.build(
+        "impossible", parameter=column.name, value=estimate.value, unit=column.unit, violates=why or violates
+    )
 
 
 def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:

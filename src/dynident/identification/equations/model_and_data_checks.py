@@ -198,6 +198,12 @@ def check_runs(
             )
 
 
+STANDING_SHOWS_NO_MASS = (
+    "The forces on its contacts are unknown, and a robot that only stands does not show its mass through them: add a "
+    "recording in which it lifts its feet one after the other and shifts its weight"
+)
+
+
 def check_equations(model: Model, name: ModelName, equations: Reduction, torque: Reduction) -> None:
     """Raise where a model's equations do not determine what the joints' torques on the same data do.
 
@@ -297,10 +303,11 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
         )
     unseen = find_undetermined_parameters(model, reduction, known)
     if unseen:
+        stands = f". {STANDING_SHOWS_NO_MASS}" if model.robot.contacts else ""
         raise EstimationError(
             f"not identifiable from these data: {_name_parameters(model, unseen)} (the data do not determine the "
             "parameters of a joint that moves too little); lock that joint, leave its effects out, or add a run in "
-            "which it moves",
+            f"which it moves{stands}",
             pointer="/recordings",
             title="Not identifiable",
         )

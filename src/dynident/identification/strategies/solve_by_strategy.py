@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynident.errors import DynidentError
+from dynident.estimation.least_squares import EstimationError
 from dynident.estimation.parameter_covariance import find_prior_dominated
+from dynident.identification.equations.model_and_data_checks import STANDING_SHOWS_NO_MASS
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.estimators.feasible import move_where_free
@@ -35,7 +37,14 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     """
     # Choices that do not fit are refused before the work, which may take minutes.
     _check_compatible(choices, problem)
-    fitted = choices.plan.solve(choices, problem)
+    try:
+        fitted = choices.plan.solve(choices, problem)
+    except EstimationError as error:
+        if not problem.model.robot.contacts or error.title != "Not identifiable":
+            raise
+        raise EstimationError(
+            f"{error.detail}. {STANDING_SHOWS_NO_MASS}", pointer=error.pointer, title=error.title
+        ) from error
     # Results of several steps are left alone: moved to bodies that can exist, they would no longer agree with the
     # equations of every step.
     if choices.solver.possible_where_free and choices.plan.at_once:
