@@ -305,8 +305,7 @@ def _report_servo_law(commands: list[str]) -> Check:
         f"The torque was not recorded: it is drive gain x (command - position) of position servos, with the commands "
         f"in {_shorten_names(commands)}. Viscous friction then includes the back-EMF of the motors, and drive inertia "
         "what late commands and a D coefficient add. Drive gains that are wrong by one factor make all masses and all "
-        "friction wrong by it, and no error shows it. A supply voltage that drops under load, and heat, change the "
-        "gain.",
+        "friction wrong by it, and no error shows it. Heat, and a supply voltage that drops, change the gain.",
     )
 
 
