@@ -299,7 +299,7 @@ class Effect(ABC):
     acts_at_rest
         Recordings at rest determine its parameters; of links, those of gravity.
     may_change, changes_with, seldom_changes, shifts_zero
-        It may change from one day to the next; what changes as well; a more usual effect takes its name; it shifts zeros.
+        It may change from day to day; what changes as well; a more usual effect is named instead; it shifts zeros.
     shown_by
         Parameters of which at least one has to act for the effect to be recognised.
     experiment, place_experiment, told_from
