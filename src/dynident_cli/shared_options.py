@@ -113,7 +113,9 @@ class RobotAdditions:
             "--contacts",
             metavar="LINK,…",
             help="Feet of a floating robot whose forces were not measured; they are eliminated from the equations. A "
-            "link, a point or a ball (calf@0,0,-0.21,0.02); behind ^ the height (m) from which a lifted foot is free.",
+            "link, a point or a ball (calf@0,0,-0.21,0.02), with semicolons between points. Behind ^: on level ground "
+            "nothing acts on a foot so high (m) above the lowest one, by its point or its link's frame; from twice "
+            "this height on it is not eliminated.",
         ),
     ] = ""
     has: Annotated[str, typer.Option("--has", metavar="PART,…", help=f"Parts of the robot: {', '.join(HARDWARE)}.")] = (

@@ -140,7 +140,8 @@ class RobotOptions(TypedDict, total=False):
     contacts: Sequence[str]
     """Feet of a floating robot whose forces were not measured: left_foot, a point, calf@0,0,-0.21, or a ball around it,
     calf@0,0,-0.21,0.02; ^0.03 behind it: on level ground nothing acts on it where it is so far (m) above the lowest
-    foot"""
+    foot, and from twice this height on it is not eliminated. The height is that of the point, or of the link's frame:
+    keep soles flat, or state more than the ankle rises while toe or heel touches"""
     drives: Mapping[str, Drive]
     """By joint"""
     gravity: tuple[float, float, float] | None

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import CubicSpline
 from support.floating_robots import (
     COULOMB,
     MASS,
@@ -24,7 +25,15 @@ from support.floating_robots import (
 
 import dynident as dy
 from dynident.array_types import FloatArray
+from dynident.diagnosis import compare
+from dynident.diagnosis.comparison.measured_against_predicted import predict_again
+from dynident.effects import LINKS, EffectChoice, Signals, build_columns
 from dynident.errors import DynidentError
+from dynident.identification import IdentificationChoices, identify
+from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
+from dynident.recordings import Preprocessing
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
+from dynident.regressors.row_phases import have_same_instants
 from dynident.robot import Robot
 
 
@@ -116,22 +125,91 @@ def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
         dy.identify(robot, recordings[:2], choices=dy.IdentificationChoices(model="power"))
 
 
-def test_a_joint_that_stands_takes_no_rows_of_the_others_away(tmp_path: Path) -> None:
-    (tmp_path / "walker.urdf").write_text(WALKER)
-    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin"])
+def write_runs_with_a_joint_at_rest(tmp_path: Path, share: float) -> list[Path]:
+    """Write logs of the walker on its shin; in each one joint stands, held by a share of its friction."""
     files = []
     for joint in range(3):
         motion = draw_motion(10 + joint)
         motion.q[:, 7 + joint] = 0.3
         motion.v[:, 6 + joint] = motion.a[:, 6 + joint] = 0.0
         torque, _ = stand_on_shin(motion)
+        torque[:, joint] += share * COULOMB[joint]
         files.append(write_log(tmp_path / f"one_stands{joint}.csv", motion, torque, noise=0.01, seed=joint))
-    # There is no instant at which all joints move.
-    model = dy.identify(robot, dy.read_recordings(*files, robot=robot))
+    return files
+
+
+@pytest.mark.parametrize("share", [-0.9, 0.9])
+def test_the_friction_of_a_joint_that_stands_is_not_in_the_equations_of_the_others(
+    tmp_path: Path, share: float
+) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin"])
+    # There is no instant at which all joints move: without the rows of the others nothing would be left.
+    files = write_runs_with_a_joint_at_rest(tmp_path, share)
+    recordings = dy.read_recordings(*files, robot=robot)
+    model = dy.identify(robot, recordings)
     values = {row.name: row.value for row in model.parameters}
-    assert values["M6"] == pytest.approx(MASS - 1.2, rel=0.01)
+    assert values["M6"] == pytest.approx(MASS - 1.2, rel=0.015)
     for k in range(3):
         assert values[f"Fc{7 + k}"] == pytest.approx(COULOMB[k], rel=0.05)
+    # What is compared with a prediction lacks the friction, too: noise of 1 % is left, less what the filter takes.
+    comparison = compare(model.identification, recordings[0].recording)
+    rest = comparison.measured - comparison.predicted
+    others = [j for j in range(robot.n) if j != 6]
+    assert (rest.std(axis=0)[others] < 0.02 * comparison.measured.std(axis=0)[others]).all()
+    inputs = RegressorInputs(
+        [recordings[0].recording], model.identification.preprocessing, model.identification.estimate.reference
+    )
+    again = predict_again(comparison, model.identification.model.observation, model.identification.values, inputs)
+    np.testing.assert_allclose(again.predicted, comparison.predicted, atol=1e-9)
+
+
+def write_run_with_halts(tmp_path: Path) -> Path:
+    """Write a log of the walker on its shin in which every joint stops for 3 s, held by 0.9 of its friction."""
+    motion = draw_motion(10, 30.0)
+    standing = np.zeros((len(motion.t), 3), dtype=bool)
+    for joint in range(3):
+        path = CubicSpline(motion.t, motion.q[:, 7 + joint])
+        begin = 4.0 + 8.0 * joint
+        # The joint's own time slows down within a second, stands, and goes on.
+        distance = np.clip(np.abs(motion.t - begin - 2.5) - 1.5, 0.0, 1.0)
+        pace = distance**2 * (3.0 - 2.0 * distance)
+        slope = 6.0 * distance * (1.0 - distance) * np.sign(motion.t - begin - 2.5)
+        own = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(motion.t))])
+        motion.q[:, 7 + joint], motion.v[:, 6 + joint] = path(own), path(own, 1) * pace
+        motion.a[:, 6 + joint] = path(own, 2) * pace**2 + path(own, 1) * slope
+        standing[:, joint] = pace == 0.0
+    torque, _ = stand_on_shin(motion)
+    return write_log(tmp_path / "halts.csv", motion, torque + 0.9 * COULOMB * standing, noise=0.01)
+
+
+def test_joints_that_halt_in_turn_leave_the_equations_of_others_true_live_as_well(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin"])
+    (read,) = dy.read_recordings(write_run_with_halts(tmp_path), robot=robot)
+    choices = IdentificationChoices(preprocessing=Preprocessing(20.0, 20.0, 2))
+    batch, live = identify(robot, [read.recording], (), choices), RecursiveIdentification(robot, choices)
+    live.push(read.recording)
+    np.testing.assert_allclose(live.finish(read.recording).estimate.values, batch.values, rtol=1e-6)
+    number = [column.name for column in batch.model.kept].index("M6")
+    assert batch.values[number] == pytest.approx(MASS - 1.2, rel=0.015)
+    # With the friction of the halts in the equations of the others it is five times as large.
+    assert batch.estimate.statistics.standard_deviations[number] < 0.01 * MASS
+
+
+def test_rows_of_columns_without_friction_are_no_rows_beside_friction_where_contacts_mix_them(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    floating = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating")
+    assert not changes_instants(floating)
+    assert changes_instants(dy.set_base(floating, "floating", ["shin"]))
+
+
+def changes_instants(robot: Robot) -> bool:
+    """Return whether rows without friction are other ones once a column of friction is there."""
+    signals = Signals(robot)
+    bare = Observation.from_columns(robot, build_columns((LINKS,), signals), signals)
+    rubbed = bare.extend(build_columns((EffectChoice("coulomb"),), signals), signals)
+    return not have_same_instants(bare, rubbed)
 
 
 def test_a_mass_that_was_added_to_the_trunk_is_found_there(robot: Robot, tmp_path: Path) -> None:

@@ -72,6 +72,36 @@ def test_noise_of_the_pose_of_a_base_narrows_the_filter_of_all():
     assert "m or rad rms" in noisy.reasons[0]
 
 
+def test_positions_are_filtered_as_the_noisier_of_base_and_joints_asks() -> None:
+    rng, t = np.random.default_rng(0), np.arange(6000) / 200.0
+    base = np.stack([0.03 * np.sin(2 * np.pi * (0.5 + 0.05 * k) * t) for k in range(6)], axis=1)
+    base += 4e-4 * rng.normal(size=base.shape)
+    # The joints are slow and have little noise: theirs is the lower torque cut-off and the higher one of positions.
+    joints = np.stack([0.5 * np.sin(2 * np.pi * 0.12 * t + k) for k in range(4)], axis=1)
+    joints += 1e-6 * rng.normal(size=joints.shape)
+    names = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll", "a", "b", "c", "d")
+    both = recording_from_arrays(t, np.hstack([base, joints]), np.zeros((6000, 10)), joint_names=names)
+    parts = [
+        choose_preprocessing([recording_from_arrays(t, q, np.zeros(q.shape), joint_names=own)])
+        for q, own in ((base, names[:6]), (joints, names[6:]))
+    ]
+    choice = choose_preprocessing([both])
+    assert parts[1].torque_cutoff < parts[0].torque_cutoff < parts[1].position_cutoff
+    assert choice.torque_cutoff == parts[1].torque_cutoff
+    assert choice.position_cutoff == parts[0].position_cutoff
+
+
+def test_axes_that_somebody_called_like_a_base_are_joints() -> None:
+    rng, t = np.random.default_rng(0), np.arange(6000) / 200.0
+    q = np.stack([0.3 * np.sin(2 * np.pi * f * t) for f in (0.5, 0.7, 0.4)], axis=1) + 0.02 * rng.normal(size=(6000, 3))
+    choices = [
+        choose_preprocessing([recording_from_arrays(t, q, np.zeros(q.shape), joint_names=names)])
+        for names in (("base_x", "base_y", "base_z"), ("x", "y", "z"), ("base_x", "base_y", "base_yaw"))
+    ]
+    assert choices[0] == choices[1]
+    assert choices[0] != choices[2]
+
+
 def test_rows_are_decimated_to_at_least_four_times_the_cutoff():
     choice = choose_preprocessing([recorded()])
     assert 4.0 <= 200.0 / choice.decimation / choice.torque_cutoff < 6.0

@@ -19,11 +19,13 @@ from dynident.robot.contacts import (
     compute_contact_heights,
     compute_contact_jacobian,
     compute_contact_projection,
+    compute_elimination,
     find_largest_zero_errors,
     parse_contact,
 )
 from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
 from dynident.robot.joint import Contact
+from dynident_cli.option_parsers import split_contacts
 
 DESCRIPTION = Description("urdf", WALKER)
 
@@ -143,3 +145,63 @@ def test_the_projection_of_contacts_that_hold_each_other_is_the_same() -> None:
     expected = np.eye(robot_size := once.n) - np.linalg.pinv(jacobian) @ jacobian
     assert projection.shape[1:] == (robot_size, robot_size)
     np.testing.assert_allclose(projection, expected, atol=1e-12)
+
+
+def test_an_unknown_torque_is_eliminated_as_a_row_of_the_jacobian_would() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    robot = replace(floating, contacts=(Contact("shin", (0.0, 0.0, -0.4)), Contact("arm", (0.3, 0.0, 0.0))))
+    motion = draw_motion(3, 0.5, 50.0)
+    q = np.hstack([motion.q[:, :3], compute_base_angles(motion.q[:, 3:7]), motion.q[:, 7:]])
+    unknown = np.zeros(q.shape, dtype=bool)
+    unknown[::2, 7], unknown[::3, 8] = True, True
+    eliminated = compute_elimination(robot, q, unknown) @ compute_contact_projection(robot, q)
+    jacobian = compute_contact_jacobian(robot, q)
+    for k in range(len(q)):
+        longer = np.vstack([jacobian[k], np.eye(robot.n)[unknown[k]]])
+        expected = np.eye(robot.n) - np.linalg.pinv(longer, rcond=1e-8) @ longer
+        np.testing.assert_allclose(eliminated[k], expected, atol=1e-9)
+
+
+def test_an_unknown_torque_of_a_leg_that_is_half_lifted_is_eliminated_and_a_hidden_one_does_no_harm() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    feet = (Contact("shin", (0.0, 0.0, -0.4), lift=0.3), Contact("arm", (0.3, 0.0, 0.0), lift=0.3))
+    robot = replace(floating, contacts=feet)
+    q = np.zeros((401, robot.n))
+    q[:, 5] = np.linspace(-np.pi, np.pi, 401)
+    unknown = np.zeros(q.shape, dtype=bool)
+    unknown[:, 8] = True
+    elimination = compute_elimination(robot, q, unknown)
+    assert np.isfinite(elimination).all()
+    np.testing.assert_allclose((elimination @ compute_contact_projection(robot, q))[:, :, 8], 0.0, atol=0.011)
+    assert np.abs(elimination).max() < 101.0
+
+
+@pytest.mark.parametrize(
+    ("contacts", "message"),
+    [
+        (["shin^0.03"], "there is no other one. Name all feet"),
+        (["shin^0.03", "arm@0.3,0,0"], "some are points and some are links"),
+        ([1], "Expected a non-empty text"),
+        (5, "Expected a list of names"),
+        ("shin", "Expected a list of names"),
+    ],
+)
+def test_contacts_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, contacts: object, message: str) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    with pytest.raises(DynidentError, match=message):
+        dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", contacts)  # type: ignore[arg-type]
+    body = {"description": {"format": "urdf", "content": WALKER}, "base": "floating", "contacts": contacts}
+    (tmp_path / "walker.json").write_text(json.dumps(body))
+    with pytest.raises(DynidentError, match=message) as refused:
+        dy.load_robot(tmp_path / "walker.json")
+    assert str(refused.value.pointer).startswith("/contacts")
+
+
+def test_contacts_of_an_option_have_commas_or_semicolons_between_them() -> None:
+    assert split_contacts("left, right^0.03") == ["left", "right^0.03"]
+    assert split_contacts("left; right^0.03") == ["left", "right^0.03"]
+    assert split_contacts("calf@0,0,-0.2") == ["calf@0,0,-0.2"]
+    assert split_contacts("a@0,0,-0.2,0.02^0.01;b@0,0,-0.2") == ["a@0,0,-0.2,0.02^0.01", "b@0,0,-0.2"]
+    for text in ("a@0,0,-0.2,b@0,0,-0.2", "a,b@0,0,-0.2"):
+        with pytest.raises(DynidentError, match="write semicolons between the contacts"):
+            split_contacts(text)

@@ -152,7 +152,8 @@ class RobotRequest(RequestModel):
         max_length=20,
         description="Feet of a floating robot whose forces were not measured: left_foot, a point, calf@0,0,-0.21, or a "
         "ball around it, calf@0,0,-0.21,0.02; ^0.03 behind it: on level ground nothing acts on it where it is so far "
-        "(m) above the lowest foot",
+        "(m) above the lowest foot, and from twice this height on it is not eliminated. The height is that of the "
+        "point, or of the link's frame: keep soles flat, or state more than the ankle rises while toe or heel touches",
     )
     meshes_of: str | None = Field(
         default=None,

@@ -22,6 +22,7 @@ from dynident.robot.description_and_json import set_base
 from dynident.robot.description_formats import FORMATS, DescriptionFormat
 from dynident.robot.json_fields import (
     expect_mapping,
+    expect_names,
     expect_number,
     expect_numbers,
     expect_text,
@@ -442,10 +443,7 @@ def _merge_hardware(document: Mapping[str, Any], stated: Mapping[str, Any]) -> d
     """Return the parts that the robot has and has not: those of the file, and those stated, which take precedence."""
     merged = {}
     for part, other in (("has", "has_not"), ("has_not", "has")):
-        names = document.get(part) or []
-        if not isinstance(names, Sequence) or isinstance(names, str):
-            raise DynidentError("Expected a list of names.", pointer=f"/{part}", title=_ROBOT_TITLE)
-        parts = [expect_text(name, f"/{part}/{k}", _ROBOT_TITLE) for k, name in enumerate(names)]
+        parts = expect_names(document.get(part) or [], f"/{part}", _ROBOT_TITLE)
         merged[part] = list(dict.fromkeys([*(name for name in parts if name not in stated[other]), *stated[part]]))
     return merged
 

@@ -34,7 +34,8 @@ _MIXED = 1e-9
 _ANGLES = ("base_yaw", "base_pitch", "base_roll")
 POSITION = ("base_x", "base_y", "base_z")
 QUATERNION = ("base_qx", "base_qy", "base_qz", "base_qw")
-BASE_COORDINATES = (*POSITION, *_ANGLES)
+_COORDINATES = ((*POSITION, *_ANGLES), ("base_x", "base_y", "base_yaw"))
+"""Of a floating and of a planar base."""
 _BODIES = ("base", "root", "pelvis", "trunk", "torso", "body", "floating", "odom", "odometry", "mocap", "imu")
 """Words by which loggers call the base, the most usual first."""
 _NO_POSE = frozenset(
@@ -45,6 +46,17 @@ _NO_POSE = frozenset(
 _POSITION_NAME = re.compile(r"_(?:pos|position|p|translation|xyz)?_?([xyz]|[012])$")
 _ORIENTATION_NAME = re.compile(r"_(?:quat|quaternion|orientation|ori|rot|rotation|q)_?([xyzw])$")
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+def count_base_coordinates(names: Sequence[str]) -> int:
+    """Return how many of a robot's leading joints are the coordinates of a base that moves, all of them or none.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of its joints, such as gantry axes that somebody called base_x and base_z.
+    """
+    return max((len(base) for base in _COORDINATES if tuple(names[: len(base)]) == base), default=0)
 
 
 def _split_name(name: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.recordings.base_motion import BASE_COORDINATES
+from dynident.recordings.base_motion import count_base_coordinates
 from dynident.recordings.pose_recordings import has_poses
 from dynident.recordings.recording import Recording
 from dynident.recordings.recording_metadata import Filters, RecordingError
@@ -79,7 +79,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
     explained by filtered positions. Theirs lies an octave higher, as far as that share stays below 1 % there. Rows
     are decimated to no less than 4 times the torque cut-off. For a base that moves the same is chosen from its own
-    coordinates, and the lower cut-off counts.
+    coordinates, and the lower cut-offs count.
 
     Parameters
     ----------
@@ -102,14 +102,20 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         return Preprocessing(None, None, 1, reasons=("The recordings are poses at rest: no filter is used.",))
     rate = min(recording.sampling_rate for recording in recordings)
     all_bands = [bands for recording in recordings for bands in _load_bands(recording)]
-    groups = [[bands for bands in all_bands if bands.of_base == of_base] for of_base in (False, True)]
+    by_kind = ([bands for bands in all_bands if bands.of_base == of_base] for of_base in (False, True))
+    groups = [group for group in by_kind if group]
     # The noise of a base that moves is in the equations of all joints, times the mass of the robot.
-    choices = [_choose_cutoffs(group, rate) for group in groups if group]
-    return min(choices, key=lambda choice: choice.torque_cutoff or 0.0)
+    choices = [_choose_cutoffs(group, rate) for group in groups]
+    widest = min(choice.position_cutoff or np.inf for choice in choices)
+    group = groups[int(np.argmin([choice.torque_cutoff or 0.0 for choice in choices]))]
+    return _choose_cutoffs(group, rate, widest)
 
 
-def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float) -> Preprocessing:
-    """Choose the filters for the bands of several recordings, of their joints or of the base."""
+def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float, widest: float = np.inf) -> Preprocessing:
+    """Choose the filters for the bands of several recordings, of their joints or of the base.
+
+    The position cut-off is at most `widest` Hz, unless the torque's is higher.
+    """
     motion = max(bands.motion for bands in all_bands)
     noisiest = min(all_bands, key=lambda bands: bands.noise)
     needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
@@ -118,7 +124,7 @@ def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float) -> Preprocessing:
     # its own motion is enough.
     least = motion if noisiest.of_base else LEAST_HARMONICS * motion
     cutoff = _round_down(min(needed, max(noisiest.noise, least), ceiling))
-    wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling)
+    wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling, widest)
     position = max(cutoff, _round_down(wider))
     first = "Torque" if position > cutoff else "Position"
     of_base = " of the base" if noisiest.of_base else ""
@@ -258,7 +264,7 @@ def _load_bands(recording: Recording) -> list[_Bands]:
     """
     if recording not in _known:
         averages = estimate_spectra(recording)
-        is_base = np.isin(recording.joint_names, BASE_COORDINATES)
+        is_base = np.arange(recording.n) < count_base_coordinates(recording.joint_names)
         bands = [_find_bands(averages, group, of_base) for group, of_base in ((~is_base, False), (is_base, True))]
         _known[recording] = [own for own in bands if own is not None]
         if not _known[recording]:

@@ -242,6 +242,8 @@ def stream_filtered_samples(
         for part, places in zip(parts, (entries, resting), strict=False):
             part.fill(block, rows[:, places])
         rows[:, tau] = block.tau
+        if phases is not None:
+            eliminate_friction_at_rest(observation, phases, block, rows[:, entries], rows[:, tau])
         certain = (
             None if phases is None or not interrupted.any() else phases.find_certain_samples(block.segment, block.t)
         )
@@ -268,6 +270,29 @@ def stream_filtered_samples(
             held=rows[:, held] if interrupted.any() else None,
             whole=_collect_unmasked(rows[:, whole], rows[:, torque], again, joints, layout),
         )
+
+
+def eliminate_friction_at_rest(
+    observation: Observation, phases: RowPhases, block: SampleBlock, entries: FloatArray, tau: FloatArray
+) -> None:
+    """Take what holds joints at rest out of the equations of others that contain it, in place.
+
+    Parameters
+    ----------
+    observation : Observation
+        The matrix W.
+    phases : RowPhases
+        Of the recording.
+    block : SampleBlock
+        Samples at the full rate.
+    entries : (m, number of entries)
+        Entries of W at these samples.
+    tau : (m, n)
+        Torque at these samples, N m or N.
+    """
+    unknown = phases.find_unknown_torques(block.segment, block.t) & block.used[:, None]
+    if unknown.any():
+        observation.eliminate_torques(block.q, unknown, entries, tau)
 
 
 def _zero_equations(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:

@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.array_types import FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals, get_effect
 from dynident.expressions import Program
 from dynident.recordings import Preprocessing, Recording
-from dynident.robot.contacts import compute_contact_projection, find_mixed_joints
+from dynident.robot.contacts import compute_contact_projection, compute_elimination, find_mixed_joints
 from dynident.robot.robot_model import Robot
 
 
@@ -390,6 +390,31 @@ class Observation:
         positions = np.flatnonzero(self.entry_rows == joint)
         order = np.argsort(self.entry_columns[positions], kind="stable")
         return positions[order], self.entry_columns[positions[order]]
+
+    def eliminate_torques(self, q: FloatArray, unknown: BoolArray, entries: FloatArray, tau: FloatArray) -> None:
+        """Take the unknown torques of joints out of the projected equations of the others, in place.
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions, rad or m.
+        unknown : (m, n) of bool
+            Where the torque of a joint is unknown; only joints that move a contact.
+        entries : (m, number of entries)
+            From `evaluate`; changed.
+        tau : (m, n)
+            Measured torques of the projected equations; changed.
+        """
+        mixed = np.flatnonzero(find_mixed_joints(self.robot))
+        # The equations of all these joints have the same columns.
+        places = np.array([self.joint_entries(int(joint))[0] for joint in mixed], dtype=np.intp)
+        samples = np.flatnonzero(unknown.any(axis=1))
+        for first in range(0, len(samples), _PROJECTED_AT_ONCE):
+            some = samples[first : first + _PROJECTED_AT_ONCE]
+            elimination = compute_elimination(self.robot, q[some], unknown[some])[:, mixed][:, :, mixed]
+            block = elimination @ entries[some][:, places]
+            entries[some[:, None], places.reshape(-1)] = block.reshape(len(some), -1)
+            tau[some[:, None], mixed] = (elimination @ tau[some][:, mixed, None])[:, :, 0]
 
     def compute_torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
         """Return W χ from entries of W.

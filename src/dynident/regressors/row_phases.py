@@ -29,6 +29,7 @@ from dynident.recordings.joint_phases import (
     find_phases,
 )
 from dynident.regressors.observation_matrix import Observation
+from dynident.robot.contacts import find_mixed_joints
 from dynident.robot.robot_model import Linkage, Robot
 
 # A velocity of nothing but its direction.
@@ -72,6 +73,8 @@ class RowPhases:
         Joints that move passive ones with friction, and whose own friction does nothing but jump at their reversals.
     no_torque : (n,)
         Joints whose equation is left out, since their torque was not recorded here, or in no recording of the model.
+    mixed : (n,)
+        Joints whose equations are mixed with one another, since contact forces are eliminated from them.
     passive : Phases, optional
         Phases of the joints that follow others, in the order of `Linkage.passive`.
     felt : (n, p), optional
@@ -87,6 +90,7 @@ class RowPhases:
     starting: BoolArray
     jumping: BoolArray
     no_torque: BoolArray
+    mixed: BoolArray
     passive: Phases | None = None
     felt: BoolArray | None = None
 
@@ -139,6 +143,7 @@ class RowPhases:
             starting,
             jumping,
             no_torque,
+            find_mixed_joints(observation.robot),
             passive,
             felt,
         )
@@ -196,6 +201,16 @@ class RowPhases:
         """
         standing = self.phases.phases_at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
+
+    def find_unknown_torques(self, segment: int, t: FloatArray) -> BoolArray:
+        """Return (m, n): at which times t (m,) the friction of a joint at rest is in the equations of others.
+
+        False for all joints whose equations are their own.
+        """
+        rubbed = self.frictional & self.mixed
+        if not rubbed.any():
+            return np.zeros((len(t), len(rubbed)), dtype=bool)
+        return np.asarray((self.phases.phases_at(segment, t, self.margin) == Phase.STANDING) & rubbed)
 
     def find_partial_rows(self, segment: int, t: FloatArray, phase: PhaseArray, held: FloatArray | None) -> BoolArray:
         """Return (m, n): rows near a halt, of the joint or of one that follows it, that still contain motion.
@@ -352,6 +367,9 @@ def have_same_instants(first: Observation, second: Observation) -> bool:
         return all(np.array_equal(predicate(first), predicate(second)) for predicate in predicates)
 
     if not are_equal(find_starting_joints, _find_passive_friction):
+        return False
+    # What holds a joint at rest is taken out of equations that contain friction of several joints.
+    if first.robot.contacts and not are_equal(find_joints_with_friction):
         return False
     # Where a joint turns round is taken out only beside a rubbed one that follows it.
     return not _find_passive_friction(first).any() or are_equal(find_joints_with_friction, _find_joints_with_memory)

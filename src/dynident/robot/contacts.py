@@ -15,6 +15,7 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.joint import Contact
+from dynident.robot.json_fields import expect_names
 from dynident.robot.robot_model import Robot
 
 _TITLE = "Unusable contact"
@@ -26,6 +27,8 @@ _RANK = 1e-8
 """Share of the largest singular value of J below which a direction counts as none: two feet that cannot move apart."""
 _SURE_RANK = 1e-5
 """The same of the triangular factor of Jᵀ, down to which J has full rank; below it, its singular values decide."""
+_SHOWN = 1e-4
+"""Share of a joint's torque, squared, below which the projected equations do not show it: 1 % of its friction."""
 
 
 def parse_contact(text: str) -> Contact:
@@ -82,18 +85,41 @@ def read_contacts(robot: Robot, texts: Sequence[str]) -> tuple[Contact, ...]:
     Raises
     ------
     DynidentError
-        For another base, a contact on a link that does not move by itself, or a point that is not three numbers.
+        For no list of texts, another base, a contact on a link that does not move by itself, a point that is not three
+        numbers, or heights that nothing can be compared with.
     """
-    if texts and robot.base != "floating":
+    names = expect_names(texts, "/contacts", _TITLE)
+    if names and robot.base != "floating":
         raise DynidentError(
             f"Contacts are eliminated from the equations of a floating base, but {robot.name} has a {robot.base} one.",
             pointer="/contacts",
             title=_TITLE,
         )
-    contacts = tuple(parse_contact(text) for text in texts)
+    contacts = tuple(parse_contact(text) for text in names)
     for contact in contacts:
         _find_link(robot, contact)
+    _check_heights(contacts)
     return contacts
+
+
+def _check_heights(contacts: Sequence[Contact]) -> None:
+    lifted = [contact for contact in contacts if contact.lift is not None]
+    if not lifted:
+        return
+    if len(contacts) == 1:
+        raise DynidentError(
+            f"The height in {str(contacts[0])!r} is that above the lowest contact, but there is no other one. Name all "
+            "feet, or leave the ^ and the height out.",
+            pointer="/contacts",
+            title=_TITLE,
+        )
+    if len({contact.point is None for contact in contacts}) > 1:
+        raise DynidentError(
+            f"With the height in {str(lifted[0])!r} contacts are compared, but some are points and some are links, "
+            "whose heights are those of their frames. Give a point of every foot, or of none.",
+            pointer="/contacts",
+            title=_TITLE,
+        )
 
 
 def _find_link(robot: Robot, contact: Contact) -> int:
@@ -151,7 +177,7 @@ def _find_upwards(robot: Robot) -> FloatArray:
 
 
 def _locate(robot: Robot, contact: Contact, frames: FloatArray) -> FloatArray:
-    """Return the point (m, 3) of a contact in the world: the centre of a ball."""
+    """Return the point (m, 3) of a contact in the world: the centre of a ball; of a sole the origin of its link."""
     frame = frames[:, _find_link(robot, contact)]
     return np.asarray(frame[:, :3, 3] + frame[:, :3, :3] @ np.array(contact.point or (0.0, 0.0, 0.0)))
 
@@ -183,7 +209,7 @@ def _compute_shares(robot: Robot, frames: FloatArray) -> FloatArray:
 
 def find_mixed_joints(robot: Robot) -> BoolArray:
     """Return which driven joints (n,) move a contact: the projection mixes their equations, and no others."""
-    if robot.linkage is not None:
+    if robot.contacts and robot.linkage is not None:
         return np.ones(robot.n, dtype=bool)
     moved = {index for contact in robot.contacts for index in robot.tree.list_ancestors(_find_link(robot, contact))}
     return np.isin(np.arange(robot.n), sorted(moved))
@@ -194,7 +220,7 @@ def compute_contact_projection(robot: Robot, q: FloatArray) -> FloatArray:
 
     Of a contact that is lifted only a share s of its rows is eliminated, and P is no projection there. With S the
     diagonal matrix of the shares, P is the part of 1 - A⁺A, A = [SJ, √(1 - S²)], that belongs to the joints: PJᵀf = 0
-    still holds for all forces f of contacts with s = 1, and P is the identity where all are lifted.
+    still holds for all forces f of contacts with s = 1.
 
     Parameters
     ----------
@@ -278,3 +304,32 @@ def _compute_sliding(robot: Robot, q: FloatArray, dq: FloatArray) -> tuple[Float
     frames = joint_frames(robot, q)
     velocities = np.einsum("mkn,mn->mk", _compute_jacobian(robot, q, frames), dq)
     return velocities, np.asarray(_compute_shares(robot, frames) == 1.0)
+
+
+def compute_elimination(robot: Robot, q: FloatArray, unknown: BoolArray) -> FloatArray:
+    """Return the matrix E that takes the torques of some joints out of the projected equations of the others.
+
+    With P the projection of the contacts, E P has no column of these joints, as if J had a row more for each of them
+    that stands; their own rows of it are zero.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+    unknown : ndarray (m, n) of bool
+        Joints whose torques are not known.
+
+    Returns
+    -------
+    ndarray (m, n, n)
+        E at each position.
+    """
+    projection = compute_contact_projection(robot, q)
+    own = projection * (unknown[:, :, None] & unknown[:, None, :])
+    sizes, directions = np.linalg.eigh(own)
+    # Of a torque that P takes away almost wholly, the rest tells nothing.
+    inverse = np.where(sizes > _SHOWN, 1.0 / np.maximum(sizes, _SHOWN), 0.0)
+    pseudoinverse = (directions * inverse[:, None, :]) @ np.swapaxes(directions, 1, 2)
+    return np.asarray(np.eye(robot.n) - projection @ pseudoinverse)

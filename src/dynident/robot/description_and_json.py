@@ -119,8 +119,9 @@ def set_base(robot: Robot, base: BaseKind | None = None, contacts: Sequence[str]
     contacts : sequence of str
         Links of a robot with a floating base on which forces act that nobody measured, such as its feet: "left_foot",
         or a point of a link in its frame (m), "calf@0,0,-0.21", with the radius of a ball around it that rolls on the
-        ground, "calf@0,0,-0.21,0.02". They are eliminated from its equations, on level ground only up to a height above
-        the lowest contact, "left_foot^0.03".
+        ground, "calf@0,0,-0.21,0.02". They are eliminated from its equations. "left_foot^0.03": on level ground
+        nothing acts on it from 0.03 m above the lowest contact on; from twice that height on it is not eliminated. The
+        height is that of the point, or of the link's frame.
 
     Returns
     -------

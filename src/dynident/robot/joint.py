@@ -29,7 +29,8 @@ class Contact:
         Radius (m) of a ball around the point that rolls on the ground: the force acts so far below the point.
     lift : float, optional
         On level ground, how far (m) the contact is above the lowest one of the robot where it surely touches nothing;
-        by default it may touch at any height.
+        by default it may touch at any height. Without a point, the height is that of the link's frame. From twice
+        this height on, the contact is not eliminated.
 
     Examples
     --------

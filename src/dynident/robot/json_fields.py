@@ -7,7 +7,7 @@ import math
 import re
 import reprlib
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from dynident.errors import DynidentError
 
@@ -279,3 +279,29 @@ def _evaluate_expression(text: str) -> float:
         return math.nan
     value = float(match[2] or 1) * math.pi / float(match[4] or 1)
     return -value if match[1] == "-" else value
+
+
+def expect_names(value: object, at: str, title: str) -> list[str]:
+    """Return a value as a list of texts that are not empty.
+
+    Parameters
+    ----------
+    value : object
+        A JSON value.
+    at : str
+        JSON pointer to it in the caller's request.
+    title : str
+        Title of errors.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    DynidentError
+        For any other value.
+    """
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise DynidentError("Expected a list of names.", pointer=at, title=title)
+    return [expect_text(name, f"{at}/{k}", title) for k, name in enumerate(value)]

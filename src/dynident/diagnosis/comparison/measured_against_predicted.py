@@ -28,7 +28,7 @@ from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.pose_recordings import has_poses, read_pose_rows
 from dynident.recordings.recording import JointLimits
-from dynident.regressors.dynamic_model_rows import SampleFunction
+from dynident.regressors.dynamic_model_rows import SampleFunction, eliminate_friction_at_rest
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
 
@@ -346,9 +346,15 @@ def predict_again(
     """
     (recording,) = inputs.recordings
     entries = SampleFunction(observation, inputs.reference, recording)
-    pieces = filter_in_parallel(recording, inputs.preprocessing, entries)
-    predicted = np.concatenate([observation.compute_torque(rows, values) for _, _, rows in pieces])
     phases = RowPhases.from_recording(observation, recording, inputs.preprocessing)
+
+    def evaluate(block: SampleBlock) -> FloatArray:
+        w = entries(block)
+        eliminate_friction_at_rest(observation, phases, block, w, block.tau.copy())
+        return w
+
+    pieces = filter_in_parallel(recording, inputs.preprocessing, evaluate)
+    predicted = np.concatenate([observation.compute_torque(rows, values) for _, _, rows in pieces])
     return replace(comparison, predicted=predicted, remembering=phases.remembering, free=phases.free)
 
 
@@ -377,7 +383,9 @@ def _yield_parts(
     # Columns, torque and motion pass the same filter side by side, so that no delay comes between them.
     def values(block: SampleBlock) -> FloatArray:
         more = [] if block.temperature is None else [block.temperature]
-        return np.hstack([entries(block), resting(block), block.tau, block.q, block.dq, block.ddq, *more])
+        w, tau = entries(block), block.tau.copy()
+        eliminate_friction_at_rest(observation, phases, block, w, tau)
+        return np.hstack([w, resting(block), tau, block.q, block.dq, block.ddq, *more])
 
     end = recording.segments[-1].start_time + recording.segments[-1].length * recording.period
     start = recording.segments[0].start_time

@@ -446,7 +446,8 @@ class _FactorsOfModel(GrowingFactors):
         self._close_segment()
         phases = RowPhases.from_recording(self.model.observation, recording, self.preprocessing)
         # With halts taken out before the filter, rows depend on halts that are known at the end alone.
-        is_as_in_batch = self._is_complete and not phases.interrupted_joints.any() and self._n_kept <= MOST_VALUES
+        takes_halts_out = phases.interrupted_joints.any() or bool(self.model.robot.contacts)
+        is_as_in_batch = self._is_complete and not takes_halts_out and self._n_kept <= MOST_VALUES
         if not is_as_in_batch or [part.digest.digest() for part in self._done] != _digest_segments(recording):
             return None
         rows = CachedRows(self.model.observation, None, self.preprocessing, (recording,), (tuple(self._kept),))
