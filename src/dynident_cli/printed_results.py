@@ -166,8 +166,7 @@ def show_diagnosis(
         place = f" on {joint}" if joint else ""
         console.print(f"  {get_effect_title(effect)}{place}: {diagnosis.why_not(effect, joint)}")
     if diagnosis.detection_limits:
-        limits = diagnosis.detection_limits
-        own = build_limits_by_joint_table(limits) if each_limit else build_limit_table(limits, robot.joint_names)
+        own = build_limits_by_joint_table(diagnosis) if each_limit else build_limit_table(diagnosis, robot.joint_names)
         print_tables(console, [own])
     elif diagnosis.not_visible:
         console.print(f"  These data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")

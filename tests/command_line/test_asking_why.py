@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 from typer.testing import CliRunner
 
-from dynident.diagnosis.diagnosis_result import DetectionLimit
+from dynident.diagnosis.diagnosis_result import DetectionLimit, Diagnosis
 from dynident.effects import UnknownEffectError
 from dynident.errors import DynidentError
 from dynident.presentation.diagnosis_tables import build_limits_by_joint_table
@@ -35,7 +37,7 @@ def test_limits_are_listed_joint_by_joint():
         DetectionLimit("offset", ("elbow",), "b2", "N m", size=0.1, half_size=0.05, usual=0.5),
         DetectionLimit("cable_force", (), "k1", "-", size=math.inf, half_size=math.inf, usual=1.0),
     )
-    rows = [[cell.text for cell in row] for row in build_limits_by_joint_table(limits).rows]
+    rows = build_limits_by_joint_table(cast(Diagnosis, SimpleNamespace(detection_limits=limits, changes=None))).texts
     assert rows[0][1:] == ["elbow", "b2", "0.100 N m", "20\u202f%"]
     assert rows[1][1:] == ["the whole robot", "k1", "–", "–"]
 

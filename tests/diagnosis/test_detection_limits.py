@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,13 @@ from dynident.diagnosis.conclusion import conclude
 from dynident.diagnosis.diagnosis_result import DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
 from dynident.identification import IdentificationChoices, identify
-from dynident.presentation.diagnosis_tables import build_conclusion_table, build_limit_table, format_share
+from dynident.presentation.diagnosis_tables import (
+    build_conclusion_table,
+    build_diagnosis_tables,
+    build_limit_table,
+    build_limits_by_joint_table,
+    format_share,
+)
 from dynident.reports.figures.diagnosis import draw_detection_limits
 from dynident.robot.joint import join_joint_names
 
@@ -140,9 +147,19 @@ def test_the_figure_has_all_effects_and_the_table_one_row_an_effect(clean):
     svg = draw_detection_limits(clean.detection_limits, ROBOT)
     assert "Joint spring" in svg
     assert "would have shown in their usual size" in svg
-    rows = build_limit_table(clean.detection_limits, ROBOT.joint_names).texts
+    rows = build_limit_table(clean, ROBOT.joint_names).texts
     assert [row[0] for row in rows] == list(
         dict.fromkeys(get_effect(item.effect).title for item in clean.detection_limits)
     )
     shares = {0.123: "12\u202f%", 1.0: "1 ×", 3.21: "3.2 ×", 45.6: "46 ×", math.inf: "–"}
     assert {share: format_share(share) for share in shares} == shares
+
+
+def test_the_tables_say_that_beside_a_baseline_limits_are_of_common_effects(clean):
+    note = "With a baseline, only effects that arms often have are listed."
+    for diagnosis, is_said in ((clean, False), (replace(clean, changes=()), True)):
+        tables = {
+            table.name: table for table in build_diagnosis_tables(diagnosis, ROBOT.joint_names, ["N m"] * ROBOT.n)
+        }
+        each = (tables["limits"], tables["limits_map"], build_limits_by_joint_table(diagnosis))
+        assert [note in table.notes for table in each] == [is_said] * 3

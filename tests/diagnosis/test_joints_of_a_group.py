@@ -91,9 +91,11 @@ def refine(monkeypatch: pytest.MonkeyPatch):
     """Refines one group of which a joint is impossible at first, or all of it not resolved: what is left, and why."""
 
     def refine(
-        group: Candidate, equal: Candidate, unresolved: str = ""
+        group: Candidate, other: Candidate, unresolved: str = "", *, is_former: bool = False
     ) -> tuple[tuple[EffectChoice, ...], dict[Candidate, Reason]]:
-        finding = Finding(cast(Any, ScoredStub(group)), (cast(Any, ScoredStub(equal)),), 0.001)
+        names = (cast(Any, ScoredStub(other)),)
+        equal, former = ((), names) if is_former else (names, ())
+        finding = Finding(cast(Any, ScoredStub(group)), equal, 0.001, former=former)
         reason = Reason.build("impossible", parameter="Fs2")
         rounds = iter([{}] if unresolved else [{0: (reason, (ARM[1],))}, {}])
 
@@ -138,6 +140,12 @@ def test_constants_that_the_data_cannot_resolve_give_way_to_an_equal_name(refine
     choices, dropped = refine(peak, Candidate("quadratic", ARM[:1], (), (2,)), unresolved="stribeck")
     assert [(choice.effect, choice.joints) for choice in choices] == [("quadratic", ARM[:1])]
     assert dropped == {peak: Reason.build("not_resolved")}
+
+
+def test_a_name_that_a_finding_had_before_takes_over_where_no_equal_one_does(refine) -> None:
+    peak = Candidate("stribeck", ARM[:1], (("vs", 0.1),), (0,))
+    choices, _ = refine(peak, Candidate("quadratic", ARM[:1], (), (2,)), unresolved="stribeck", is_former=True)
+    assert [(choice.effect, choice.joints) for choice in choices] == [("quadratic", ARM[:1])]
 
 
 def test_a_name_of_other_joints_is_not_given_to_the_impossible_one(refine) -> None:

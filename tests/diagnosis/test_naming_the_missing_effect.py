@@ -31,13 +31,18 @@ from support.oracles import fourier_motion
 from dynident.advice import advise
 from dynident.diagnosis import Diagnosis, compare, diagnose, diagnose_model, examine
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool, build_pool_of_choices
+from dynident.diagnosis.diagnosis_result import Invisible
+from dynident.diagnosis.outcome_reasons import Reason
+from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.residuals.spectral_peaks import AngleLines, find_angle_lines
 from dynident.diagnosis.search import forward_selection
 from dynident.diagnosis.search.comparison_of_rivals import compare_names
-from dynident.diagnosis.search.finding_refinement import refine_findings
+from dynident.diagnosis.search.finding_refinement import refine_constants, refine_findings
+from dynident.diagnosis.search.identifiability_and_invisible_effects import extend_with_findings
 from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import EffectChoice, UnknownEffectError
+from dynident.errors import Cancelled
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.progress import ignore_progress
 from dynident.regressors.model_structure import build_model
@@ -310,12 +315,92 @@ def test_a_finding_gets_the_name_that_says_more_beside_all_that_was_found():
     state = state.add_finding(Finding(replace(wrong, p=0.001), (), 0.001))
     (found,) = forward_selection.revisit_findings(state).findings
     assert found.judged.candidate.effect == "drive_gain_error"
+    # The old name stands where the new one turns out to be impossible, but is none that the data leave open.
+    assert [scored.candidate.effect for scored in found.former] == ["drive_gain_saturation"]
+    assert found.equal == ()
     # What is right already stays.
     state = gather_state(model, pool, inputs, plain.noise)
     (right, *_) = score_all(state, [pool.candidates[1]])
     state = state.add_finding(Finding(replace(right, p=0.001), (), 0.001))
     (kept,) = forward_selection.revisit_findings(state).findings
     assert kept.judged.candidate == right.candidate
+
+
+def test_a_finding_that_gets_another_name_keeps_what_explains_as_much():
+    run = experiment(CASES["offset"].hidden, PLAIN)
+    model, plain = run.identification.model, run.identification
+    inputs = RegressorInputs([run.training], plain.preprocessing, plain.estimate.next_reference())
+    names = ("joint_spring", "offset", "coulomb_asymmetric")
+    pool = build_pool_of_choices(model, [EffectChoice(name, (NAMES[1],)) for name in names])
+    state = gather_state(model, pool, inputs, plain.noise)
+    (wrong, *_) = score_all(state, [pool.candidates[0]])
+    state = state.add_finding(Finding(replace(wrong, p=0.001), (), 0.001))
+    (found,) = forward_selection.revisit_findings(state).findings
+    both = (found.judged.candidate.effect, *(scored.candidate.effect for scored in found.equal))
+    assert sorted(both) == ["coulomb_asymmetric", "offset"]
+    assert [scored.candidate.effect for scored in found.former] == ["joint_spring"]
+
+
+def test_a_search_is_not_repeated_beside_what_has_no_constants(monkeypatch):
+    searches = []
+
+    def search(*asked):
+        searches.append(asked)
+        return forward_selection.search_findings(*asked)
+
+    monkeypatch.setattr(diagnose_model, "search_findings", search)
+    run = experiment(CASES["offset"].hidden, PLAIN)
+    found = diagnose(run.identification, [run.training], candidates=FAST)
+    assert [choice.effect for choice in found.recommended] == ["offset"]
+    assert len(searches) == 1
+
+
+def test_refining_constants_tells_its_progress_and_can_be_cancelled(monkeypatch):
+    def refine(*asked):
+        asked[-1](0.5, "refined once")
+        return refine_constants(*asked)
+
+    def cancel(fraction, message):
+        if is_cancelled(message):
+            raise Cancelled
+
+    monkeypatch.setattr(diagnose_model, "refine_constants", refine)
+    run = experiment(CASES["stribeck"].hidden)
+    is_cancelled = "refined once".__eq__
+    with pytest.raises(Cancelled):
+        diagnose(run.identification, [run.training], candidates=("stribeck",), progress=cancel)
+    model, plain = run.identification.model, run.identification
+    inputs = RegressorInputs([run.training], plain.preprocessing, plain.estimate.next_reference())
+    choice = EffectChoice("stribeck", (NAMES[1],), (("delta", 2.0), ("vs", 0.1)))
+    pool = build_pool_of_choices(model, [choice])
+    (scored,) = score_all(gather_state(model, pool, inputs, plain.noise), pool.candidates)
+    resolved = compute_resolution([compare(plain, run.training)], plain.preprocessing)
+    is_cancelled = bool
+    with pytest.raises(Cancelled):
+        refine_constants(model, [Finding(scored, (), 0.001)], inputs, resolved, cancel)
+
+
+def test_what_cannot_be_added_once_a_wrong_name_is_gone_is_none_of_the_findings(monkeypatch):
+    calls = []
+
+    def extend(model, choices, recordings, progress):
+        calls.append([choice.effect for choice in choices])
+        if len(calls) == 1:
+            return extend_with_findings(model, choices, recordings, progress)
+        invisible = Invisible(choices[0].effect, choices[0].joints, "it cannot be added")
+        return model, {0: (invisible, Reason.build("cannot_be_added", detail="none"))}
+
+    def hidden(motion, load):
+        tau = CASES["load_dependent_friction"].hidden(motion, load)
+        return tau + CASES["offset"].hidden(motion, load)
+
+    monkeypatch.setattr(diagnose_model, "extend_with_findings", extend)
+    monkeypatch.setattr(diagnose_model, "find_misnamed", lambda *asked: [0])
+    run = experiment(hidden, PLAIN)
+    found = diagnose(run.identification, [run.training], candidates=FAST)
+    assert [len(choices) for choices in calls] == [2, 1]
+    assert found.recommended == ()
+    assert calls[1][0] in [item.effect for item in found.not_visible]
 
 
 def test_further_proposals_leave_the_numbers_of_all_earlier_columns():

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from support.hidden_effects import NAMES, ROBOT, compared, experiment, on_joint
+from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, compared, experiment, motions, on_joint, recorded
 
 from dynident.diagnosis.ambiguities import find_misnamed
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.diagnosis_result import UnknownPattern, Variable
-from dynident.diagnosis.search.identifiability_and_invisible_effects import is_only_helpful_at_first
+from dynident.diagnosis.search import identifiability_and_invisible_effects
+from dynident.diagnosis.search.identifiability_and_invisible_effects import (
+    extend_with_findings,
+    is_only_helpful_at_first,
+)
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification import IdentificationChoices, identify
 from dynident.identification.identified_models.add_effects import extend_at_once
 
 JOINT = 2
@@ -89,3 +96,37 @@ def test_what_a_predicted_torque_explains_is_kept_where_the_model_identified_wit
     choice = EffectChoice(effect, (NAMES[JOINT],), (("vs", 0.1), ("delta", 2.0)) if effect == "stribeck" else ())
     grown = extend_at_once(run.identification, [choice], [run.training])
     assert is_only_helpful_at_first(grown, choice) is only_at_first
+
+
+def test_what_changed_is_not_credited_with_what_the_model_has_on_all_days() -> None:
+    saturated = on_joint(JOINT, lambda q, v, load: 2e-3 * load * np.abs(load))
+    days = [recorded(motion, saturated, 90 + k, f"day{k}") for k, motion in enumerate(motions(0))]
+    known = EffectChoice("drive_gain_saturation", (NAMES[JOINT],))
+    model = identify(ROBOT, days, [], IdentificationChoices((*WITH_OFFSET, known), preprocessing=BAND))
+    since = replace(known, runs=("day1",))
+    grown = extend_at_once(model, [since], days)
+    assert is_only_helpful_at_first(grown, since)
+    assert not is_only_helpful_at_first(grown, known)
+
+
+def test_what_helps_no_more_is_found_beside_what_cannot_be_added_and_all_can_be_cancelled(monkeypatch) -> None:
+    def extend(model, choices, recordings, progress):
+        progress(0.5, "extending")
+        if any(choice.effect == "offset" for choice in choices):
+            raise DynidentError("its columns are known")
+        return object()
+
+    module = identifiability_and_invisible_effects
+    monkeypatch.setattr(module, "extend_at_once", extend)
+    monkeypatch.setattr(module, "is_only_helpful_at_first", lambda grown, choice: choice.effect == "backlash")
+    fractions: list[float] = []
+
+    def note(fraction, message):
+        fractions.append(fraction)
+
+    choices = [EffectChoice(name) for name in ("backlash", "offset", "stribeck")]
+    grown, gone = extend_with_findings(cast(Any, None), choices, [], note)
+    assert {k: reason.code for k, (_, reason) in gone.items()} == {0: "no_help_once_added", 1: "cannot_be_added"}
+    assert grown is not None
+    # All at once, one by one, then the one that stays.
+    np.testing.assert_allclose(fractions, [0.5, 1 / 6, 3 / 6, 5 / 6, 0.5])

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import re
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -14,7 +19,7 @@ from hypothesis import strategies as st
 from support.oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_states
 
 from dynident.effects import CATALOGUE, Column, EffectChoice, ReferenceParameters, Signals, build_columns
-from dynident.effects.effect_signals import DAHL, MemorySignal
+from dynident.effects.effect_signals import DAHL, MemorySignal, RunSignal
 from dynident.expressions import compiled_expressions
 from dynident.expressions.compiled_expressions import Compiled
 from dynident.regressors.base_parameters import evaluate_at_random_states, find_base_parameters, select_base
@@ -266,3 +271,76 @@ def test_models_of_one_robot_share_their_columns_and_not_the_states_that_are_add
     with CATALOGUE.add_temporarily(again):
         assert get_model(robot, effects).observation is not first.observation
     assert get_model(robot, effects).observation is first.observation
+
+
+def wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let two threads make their next symbols at the same moment."""
+    barrier, make = threading.Barrier(2), casadi.SX.sym
+
+    def make_together(*arguments):
+        with suppress(threading.BrokenBarrierError):
+            barrier.wait(2.0)
+        return make(*arguments)
+
+    monkeypatch.setattr(casadi.SX, "sym", staticmethod(make_together))
+
+
+def test_threads_that_name_states_and_runs_at_once_name_them_differently(monkeypatch):
+    robot, effects = arm("ur10"), [EffectChoice("rigid_body")]
+    models = [get_model(robot, effects) for _ in range(2)]
+    states = [MemorySignal(DAHL, 0, slip) for slip in (0.02, 0.03)]
+    runs = [RunSignal((name,)) for name in ("monday", "friday")]
+    wait_for_each_other(monkeypatch)
+    with ThreadPoolExecutor(2) as threads:
+        own = list(threads.map(lambda model, state: model.signals.memory(state), models, states))
+        assert len({symbol.name() for symbol in own}) == 2
+        # Also where both have the same model.
+        signals = models[0].signals
+        first, second = threads.map(signals.in_runs, runs)
+        assert first.name() != second.name()
+        first, second = threads.map(signals.in_runs, [RunSignal(("sunday",))] * 2)
+        assert casadi.is_equal(first, second)
+    monkeypatch.undo()
+    # Each is the state of its own signal in every model.
+    known = get_model(robot, effects).signals
+    for state, symbol in zip(states, own, strict=True):
+        assert casadi.is_equal(known.memory(state), symbol)
+        assert known.find_memory_signals(symbol) == (state,)
+
+
+def test_threads_that_build_the_same_at_once_get_what_the_first_has_built():
+    models, barrier = [get_model(arm("ur10"), [EffectChoice("rigid_body")]) for _ in range(2)], threading.Barrier(2)
+
+    def build():
+        barrier.wait(10.0)
+        return object(), casadi.SX(0)
+
+    with ThreadPoolExecutor(2) as threads:
+        first, second = threads.map(lambda model: model.signals.build_once("key of this test", build), models)
+    assert first is second
+
+
+def test_effects_may_be_chosen_by_lists():
+    robot = arm("ur10")
+    joint = robot.joint_names[0]
+    listed = EffectChoice("stribeck", [joint], [["vs", 0.1], ["delta", 2.0]], ["monday"])
+    assert listed == EffectChoice("stribeck", (joint,), (("vs", 0.1), ("delta", 2.0)), ("monday",))
+    assert EffectChoice("stribeck", [joint], {"vs": 0.1, "delta": 2.0}, ["monday"]) == listed
+    assert len({listed, replace(listed, joints=[joint])}) == 1
+    assert get_model(robot, [EffectChoice("offset", [joint])]).n_parameters == 1
+
+
+def test_what_is_written_into_a_robot_makes_another_model_of_it():
+    robot, effects = arm("ur10"), [EffectChoice("rigid_body")]
+    before = get_model(robot, effects).n_parameters
+    # A copy, because other tests have the same robot.
+    robot = copy.deepcopy(robot)
+    assert get_model(robot, effects).n_parameters == before
+    robot.gravity[:] = 0.0
+    weightless = get_model(robot, effects)
+    assert weightless.n_parameters == build_model(robot, effects).n_parameters < before
+    for array in (robot.joints[2].placement, robot.joints[3].axis):
+        known = get_model(robot, effects).observation
+        assert known is get_model(robot, effects).observation
+        array[:3] *= -1.0
+        assert get_model(robot, effects).observation is not known

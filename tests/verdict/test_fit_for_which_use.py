@@ -12,6 +12,7 @@ from support.one_joint_robots import one_joint_run
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.api.model import Model
+from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.number_format import format_percent
@@ -20,7 +21,7 @@ from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
 from dynident.validation.contact_detection import CollisionValidation, ContactDetection
 from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stopped, verdict
-from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection
+from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection, judge_feed_forward
 from dynident.verdict.held_out_evidence import HeldOutEvidence
 from dynident.verdict.model_verdict import _CALLS
 
@@ -75,6 +76,26 @@ def test_seconds_in_which_something_else_acted_limit_every_use(model: Identifica
     (feed_forward,) = (one for one in found.uses if one.use == "feed_forward")
     assert "something else acted on the robot" in feed_forward.reason
     assert not any("something else" in one.reason for one in verdict(model, [FITTED], [OTHER]).uses)
+
+
+def test_a_diagnosis_of_the_model_does_not_change_its_verdict() -> None:
+    def slides(seed: int) -> Recording:
+        """Return a recording whose first joint's friction grows over 0.1 rad after a reversal."""
+        motion, tau = measured(seed)
+        way = np.cumsum(np.abs(np.diff(motion.q[:, 0], prepend=motion.q[0, 0])))
+        since = way - np.maximum.accumulate(np.where(np.diff(np.sign(motion.dq[:, 0]), prepend=0.0) != 0.0, way, 0.0))
+        tau[:, 0] -= 0.2 * EFFORT[0] * np.sign(motion.dq[:, 0]) * np.exp(-since / 0.1)
+        return run(f"slides {seed}", motion, tau)
+
+    fitted, other = slides(3), slides(4)
+    model = identify(ROBOT, [fitted], [other])
+    evidence = HeldOutEvidence.from_identification(model, model.held_out, [other], ())
+    before = judge_feed_forward(evidence)
+    step = NextStep("Find the missing effect, most often presliding friction.", "diagnose")
+    assert step in [finding.next for finding in before]
+    diagnose(model, [fitted], candidates=("presliding",))
+    assert model.model.signals.memory_signals
+    assert judge_feed_forward(evidence) == before
 
 
 def test_every_next_step_has_its_call_in_python() -> None:

@@ -327,7 +327,9 @@ class DiagnosisResult(ViewModel):
         default=[], description="What became of every effect on every joint, and why; findings first"
     )
     detection_limits: list[DetectionLimit] = Field(
-        default=[], description="The size of each effect on each joint that these recordings would have shown"
+        default=[],
+        description="The size of each effect on each joint that these recordings would have shown; with a baseline, "
+        "only of effects that arms often have",
     )
     conclusion: Conclusion | None = Field(default=None, description="What all this says, and the next thing to do")
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
-import numpy as np
-
 from dynident.array_types import FloatArray
 from dynident.diagnosis.ambiguities import (
     Doubt,
@@ -16,8 +14,7 @@ from dynident.diagnosis.ambiguities import (
     find_misnamed,
     list_doubts,
 )
-from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool
-from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts
+from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.changes_between_recordings import (
     add_friction_differences,
     compute_friction_differences,
@@ -41,6 +38,7 @@ from dynident.diagnosis.diagnosis_result import (
 from dynident.diagnosis.diagnosis_summary import (
     UNDETERMINED,
     compute_residual_over_noise,
+    compute_residual_rms,
     rank_findings,
     rank_rejected,
     select_verdict,
@@ -243,10 +241,9 @@ def examine(
     if search.record.state.findings:
         leads, search = _search_again(question, leads, search, scale_progress(progress, 0.5, 0.7))
     family, record = search.family, search.record
-    settle_findings(record)
     record.state = revisit_findings(record.state)
     findings, recommended, grown, undetermined, final = _refine_findings(
-        question, record, scale_progress(progress, 0.7, 1.0)
+        question, record, scale_progress(progress, 0.7, 0.9)
     )
     unknown = find_unknown_patterns(final)
     # An effect whose residual still depends on the same variable has the wrong name, and misleads later ones.
@@ -256,8 +253,10 @@ def examine(
         record.dropped.update((findings[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
         record.dropped.update((findings[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
         findings, recommended = _drop_findings(findings, recommended, [*wrong, *dependent])
-        grown, _ = extend_with_findings(identification, recommended, recordings, ignore_progress)
-        final = _compare_extended(identification, grown, recordings, comparisons)
+        findings, recommended, grown, more, final = _identify_with_findings(
+            question, record, findings, recommended, scale_progress(progress, 0.9, 1.0)
+        )
+        undetermined += more
         unknown = find_unknown_patterns(final)
     # Of two days, halts would have to be asked apart.
     if not baseline:
@@ -267,7 +266,7 @@ def examine(
             (*recommended, *(finding.judged.candidate.choice for finding in held)),
         )
         unknown = find_unknown_patterns(final) if held else unknown
-    residual = _compute_rms(final)
+    residual = compute_residual_rms(final)
     # Who names the effects to try gets no others.
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
@@ -286,7 +285,7 @@ def examine(
     missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
     verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
     lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
-    hidden = (*(item for item, _ in undetermined.values()), *find_invisible(family.scored))
+    hidden = (*undetermined, *find_invisible(family.scored))
     conclusion = conclude(
         verdict,
         unknown,
@@ -358,19 +357,29 @@ def _search_effects(
     earlier: _Search | None = None,
     refined: Sequence[tuple[Finding, EffectChoice]] = (),
 ) -> _Search:
-    """Search all effects on the grid of their shape constants; beside what an earlier search found, refined."""
+    """Search all effects on the grid of their shape constants, and settle what was found.
+
+    A search with an earlier one goes on beside what that one found, refined.
+    """
     model = question.identification.model
     choices = [choice for _, choice in refined]
     pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.start.pool, choices)
     rows = RecordedSource(model, question.inputs)
     # One pass over the recordings: every score of the search comes from these products.
     data = rows.gather_products(pool, scale_progress(progress, 0.0, 0.5))
-    start = _build_start_state(data, pool, question.identification, question.floor, question.rules)
+    base, plain = tuple(range(pool.n_base)), question.identification
+    start = State(data, pool, base, plain.noise, question.floor, (), question.rules)
+    # Contacts disturb the model that the search starts from.
+    contacts = find_contacts(start, plain.preprocessing)
+    for contact in contacts:
+        start = start.add_finding(contact)
+    start = start.estimate_noise() if contacts else start
     family = score_family(start, pool.initial_candidates)
     known = earlier and earlier.record
     if known is not None:
         known.added = tuple(place_finding(finding, choice, pool, model) for finding, choice in refined)
     record = search_findings(start, family, rows, scale_progress(progress, 0.5, 1.0), known)
+    settle_findings(record)
     return _Search(start, family, record)
 
 
@@ -383,31 +392,35 @@ def _search_again(
     that was a third too short was called friction that depends on the position.
     """
     model, record = question.identification.model, search.record
-    settle_findings(record)
-    findings, choices = refine_constants(model, record.state.findings, question.inputs, question.resolved)
+    findings, choices = refine_constants(
+        model, record.state.findings, question.inputs, question.resolved, scale_progress(progress, 0.0, 0.3)
+    )
     refined = RefinedModel.from_choices(model, findings, choices, question.since, question.inputs, question.floor)
     left = predict_with_findings(model, refined.state, question.inputs, question.comparisons)
-    leads = leads.add_lines(left, model.robot)
+    more_leads = leads.add_lines(left, model.robot)
     # Contacts are found anew at the start of every search.
     lasting = [pair for pair in zip(findings, choices, strict=True) if not pair[0].is_transient]
-    return leads, _search_effects(question, leads, progress, search, lasting)
+    before = [finding.judged.candidate.choice for finding in record.added]
+    # Beside the same constants, and without a new line, it would end where it ended.
+    if more_leads is leads and [choice for _, choice in lasting] == before:
+        return leads, search
+    return more_leads, _search_effects(question, more_leads, scale_progress(progress, 0.3, 1.0), search, lasting)
 
 
 class _Refined(NamedTuple):
-    """Findings that stay, the model with them, what cannot be added to it (by number), and what that model leaves."""
+    """Findings that stay, the model with them, what cannot be added to it, and what that model leaves."""
 
     findings: tuple[Finding, ...]
     recommended: tuple[EffectChoice, ...]
     grown: Identification
-    undetermined: dict[int, tuple[Invisible, Reason]]
+    undetermined: tuple[Invisible, ...]
     final: list[Comparison]
 
 
 def _refine_findings(question: _Question, record: SearchRecord, progress: Progress) -> _Refined:
     """Refine what was found on all rows, and put it to the test by identifying the model with it."""
-    identification, recordings = question.identification, question.recordings
     findings, recommended, dropped = refine_findings(
-        identification,
+        question.identification,
         record.state.findings,
         question.inputs,
         question.resolved,
@@ -416,14 +429,24 @@ def _refine_findings(question: _Question, record: SearchRecord, progress: Progre
         scale_progress(progress, 0.0, 0.6),
     )
     record.dropped.update(dropped)
-    # Some findings cannot be added, or explain nothing any more in the model that is identified with them.
-    grown, undetermined = extend_with_findings(
-        identification, recommended, recordings, scale_progress(progress, 0.6, 1.0)
-    )
+    return _identify_with_findings(question, record, findings, recommended, scale_progress(progress, 0.6, 1.0))
+
+
+def _identify_with_findings(
+    question: _Question,
+    record: SearchRecord,
+    findings: tuple[Finding, ...],
+    recommended: tuple[EffectChoice, ...],
+    progress: Progress,
+) -> _Refined:
+    """Identify the model with findings, less those that cannot be added or explain nothing any more in it."""
+    identification, recordings = question.identification, question.recordings
+    grown, undetermined = extend_with_findings(identification, recommended, recordings, progress)
     record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
     findings, recommended = _drop_findings(findings, recommended, list(undetermined))
-    final = _compare_extended(identification, grown, recordings, question.comparisons)
-    return _Refined(findings, recommended, grown, undetermined, final)
+    is_extended = grown is not identification
+    final = [compare(grown, recording) for recording in recordings] if is_extended else list(question.comparisons)
+    return _Refined(findings, recommended, grown, tuple(item for item, _ in undetermined.values()), final)
 
 
 def _list_differences(
@@ -468,38 +491,9 @@ def _rank_candidates(
     return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(final.state))
 
 
-def _build_start_state(
-    data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray, rules: DecisionRules
-) -> State:
-    """Return the state that the search starts from: the model with the contacts that disturb it."""
-    state = State(data, pool, tuple(range(pool.n_base)), identification.noise, floor, (), rules)
-    findings = find_contacts(state, identification.preprocessing)
-    for finding in findings:
-        state = state.add_finding(finding)
-    return state.estimate_noise() if findings else state
-
-
-def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:
-    squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
-    counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
-    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
-
-
 def _drop_findings(
     findings: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Return the findings without those of these numbers."""
     remaining = [k for k in range(len(findings)) if k not in gone]
     return tuple(findings[k] for k in remaining), tuple(recommended[k] for k in remaining)
-
-
-def _compare_extended(
-    identification: Identification,
-    grown: Identification,
-    recordings: Sequence[Recording],
-    comparisons: Sequence[Comparison],
-) -> list[Comparison]:
-    """Compare the model with everything recommended in it with the recordings."""
-    if grown is identification:
-        return list(comparisons)
-    return [compare(grown, recording) for recording in recordings]

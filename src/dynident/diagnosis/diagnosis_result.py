@@ -353,7 +353,8 @@ class Diagnosis:
     outcomes : tuple of CandidateOutcome
         What became of every effect on every joint, and why.
     detection_limits : tuple of DetectionLimit
-        The smallest size of each effect on each joint that these recordings would have shown.
+        The smallest size of each effect on each joint that these recordings would have shown; where there was a
+        baseline, only of effects that arms often have.
     conclusion : Conclusion, optional
         What all this says, and the next thing to do; None in a diagnosis of an earlier version.
     """

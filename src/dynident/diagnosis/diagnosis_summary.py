@@ -210,6 +210,19 @@ def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: fl
     )
 
 
+def compute_residual_rms(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Return (n,): rms of the residual in the rows that count, N m or N.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    """
+    squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
+    counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
+
+
 def compute_residual_over_noise(comparisons: Sequence[Comparison], floor: FloatArray) -> FloatArray:
     """Return (n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is zero.
 

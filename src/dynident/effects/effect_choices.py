@@ -26,6 +26,12 @@ class EffectChoice:
     shape: tuple[tuple[str, float], ...] = field(default=())
     runs: tuple[str, ...] = field(default=())
 
+    def __post_init__(self) -> None:
+        # Whoever gives lists, or a dictionary, gets a choice with a hash as well.
+        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "shape", tuple(dict(self.shape).items()))
+        object.__setattr__(self, "runs", tuple(self.runs))
+
     def __repr__(self) -> str:
         runs = f", runs={self.runs!r}" if self.runs else ""
         return f"EffectChoice({self.to_text()}{runs})"

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import count
 from typing import ClassVar, TypeVar, cast
 
 import casadi as ca
@@ -224,6 +225,9 @@ class _SharedSymbols:
     def __init__(self) -> None:
         self.memory: dict[MemorySignal, tuple[str, ca.SX]] = {}
         self.built: dict[Hashable, tuple[object, tuple[MemorySignal, ...]]] = {}
+        # Names are numbered: signals may differ in nothing but their slip. A counter gives no number twice, also to
+        # threads that name states at once, which the size of the dictionary does.
+        self.numbers = count()
 
 
 class Signals:
@@ -264,12 +268,14 @@ class Signals:
         # By name, because asking CasADi for a symbol's name takes longer than everything else here.
         self._memory_named: dict[str, MemorySignal] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
+        self._run_numbers = count()
         self._shared = _SharedSymbols()
 
     def copy(self) -> Signals:
         """Return signals of the same symbols and known columns, with hysteresis states and runs of their own."""
         own = copy.copy(self)
         own._memory, own._memory_named, own._runs = self._memory.copy(), self._memory_named.copy(), self._runs.copy()
+        own._run_numbers = count(len(own._runs))
         # The tree's signals ask those of the machine for states and runs: they are its own as well.
         own.of_tree = None
         return own
@@ -281,7 +287,8 @@ class Signals:
         """
         if key not in self._shared.built:
             built, expression = build()
-            self._shared.built[key] = built, self.find_memory_signals(expression)
+            # Of two threads that build it at once, both get what the first has built.
+            self._shared.built.setdefault(key, (built, self.find_memory_signals(expression)))
         known, states = self._shared.built[key]
         for state in states:
             self.memory(state)
@@ -329,7 +336,7 @@ class Signals:
     def in_runs(self, signal: RunSignal) -> ca.SX:
         """Return the symbol SX (1, 1) that is 1 in the signal's runs."""
         if signal not in self._runs:
-            self._runs[signal] = ca.SX.sym(f"run_{len(self._runs)}")
+            self._runs.setdefault(signal, ca.SX.sym(f"run_{next(self._run_numbers)}"))
         return self._runs[signal]
 
     @property
@@ -346,10 +353,11 @@ class Signals:
         """Return the symbol SX (1, 1) of a hysteresis state, the same for equal signals."""
         if signal not in self._memory:
             known = self._shared.memory
-            # The running number keeps names apart: signals may differ in nothing but their slip.
-            name = f"z_{signal.operator.name}_{signal.joint}_{len(known)}"
-            name, symbol = known.setdefault(signal, (name, ca.SX.sym(name)))
-            self._memory[signal], self._memory_named[name] = symbol, signal
+            if signal not in known:
+                name = f"z_{signal.operator.name}_{signal.joint}_{next(self._shared.numbers)}"
+                known.setdefault(signal, (name, ca.SX.sym(name)))
+            name, symbol = known[signal]
+            self._memory_named[name], self._memory[signal] = signal, symbol
         return self._memory[signal]
 
     @property

@@ -213,8 +213,8 @@ def build_diagnosis_tables(
         title = "With all recommended effects, the residual still depends on"
         yield ReportedTable(title, ("joints", "over", "share of their variance"), rows, 2, name="unknown")
     if diagnosis.detection_limits:
-        yield build_limit_table(diagnosis.detection_limits, joints)
-        yield _build_limit_map(diagnosis.detection_limits, joints)
+        yield build_limit_table(diagnosis, joints)
+        yield _build_limit_map(diagnosis, joints)
     if diagnosis.not_visible:
         yield _build_hidden_table(diagnosis, joints)
     if diagnosis.failure_map:
@@ -322,9 +322,14 @@ def _make_track_cell(track: ParameterTrack, day: int) -> Cell:
     return Cell(f"{format_number(value)} ± {format_number(upper - value)}", value)
 
 
-def build_limit_table(limits: Sequence[DetectionLimit], joints: Sequence[str]) -> ReportedTable:
+def _note_common_effects(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the note that limits are only of common effects, where they are."""
+    return () if diagnosis.changes is None else ("With a baseline, only effects that arms often have are listed.",)
+
+
+def build_limit_table(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTable:
     """Return a table of detection limits with one row for each effect, whatever the number of joints."""
-    rows = []
+    rows, limits = [], diagnosis.detection_limits
     for effect in dict.fromkeys(limit.effect for limit in limits):
         own = [limit for limit in limits if limit.effect == effect]
         blind = [name for limit in own if limit.share > 1.0 for name in limit.joints or ("",)]
@@ -334,10 +339,11 @@ def build_limit_table(limits: Sequence[DetectionLimit], joints: Sequence[str]) -
             (Cell(get_effect_title(effect)), *(Cell(text, is_figures=True) for text in sizes), Cell(where or "–"))
         )
     columns = ("effect", "would have shown from", "of the usual size", "not in its usual size on")
-    return ReportedTable("What these data would have shown", columns, tuple(rows), name="limits")
+    notes = _note_common_effects(diagnosis)
+    return ReportedTable("What these data would have shown", columns, tuple(rows), notes=notes, name="limits")
 
 
-def build_limits_by_joint_table(limits: Sequence[DetectionLimit]) -> ReportedTable:
+def build_limits_by_joint_table(diagnosis: Diagnosis) -> ReportedTable:
     """Return a table of detection limits with one row for each effect on each joint."""
     rows = tuple(
         (
@@ -349,15 +355,17 @@ def build_limits_by_joint_table(limits: Sequence[DetectionLimit]) -> ReportedTab
             ),
             Cell(format_share(limit.share), limit.share if math.isfinite(limit.share) else None),
         )
-        for limit in limits
+        for limit in diagnosis.detection_limits
     )
     columns = ("effect", "joint", "parameter", "would have shown from", "of the usual size")
     title = "What these data would have shown in 95 of 100 cases"
-    return ReportedTable(title, columns, rows, numbers_from=3, name="limits_by_joint")
+    notes = _note_common_effects(diagnosis)
+    return ReportedTable(title, columns, rows, numbers_from=3, notes=notes, name="limits_by_joint")
 
 
-def _build_limit_map(limits: Sequence[DetectionLimit], joints: Sequence[str]) -> ReportedTable:
+def _build_limit_map(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTable:
     """Return the detection limits as a map of effects and joints, in shares of the usual size."""
+    limits = diagnosis.detection_limits
     places = [joint for joint in joints if any(joint in limit.joints for limit in limits)]
     places += ["the whole robot"] * any(not limit.joints for limit in limits)
     cells = {(limit.effect, (limit.joints or places[-1:])[0]): _make_limit_cell(limit) for limit in limits}
@@ -373,7 +381,8 @@ def _build_limit_map(limits: Sequence[DetectionLimit], joints: Sequence[str]) ->
         "found, in the model, or not possible on that joint."
     )
     title = f"Detection limits ({seen} of {len(limits)} would have shown in their usual size)"
-    return ReportedTable(title, ("effect", *places), rows, notes=(note,), name="limits_map")
+    notes = (note, *_note_common_effects(diagnosis))
+    return ReportedTable(title, ("effect", *places), rows, notes=notes, name="limits_map")
 
 
 def _make_limit_cell(limit: DetectionLimit) -> Cell:

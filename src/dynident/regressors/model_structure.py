@@ -353,10 +353,12 @@ def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float
     """
     # An effect of the user's own may have been registered anew.
     meant = tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(effects))
-    known = _build_model_once(robot, tuple(effects), meant, tolerance)
+    # A robot is known by its identity, and what is written into its arrays makes another one of it.
+    geometry = _read_geometry(robot)
+    known = _build_model_once(robot, tuple(effects), meant, tolerance, geometry)
     if known.signals.n_built > _MOST_CHOICES:
         _build_model_once.cache_clear()
-        known = _build_model_once(robot, tuple(effects), meant, tolerance)
+        known = _build_model_once(robot, tuple(effects), meant, tolerance, geometry)
     own = copy.copy(known)
     object.__setattr__(own, "signals", known.signals.copy())
     return own
@@ -364,12 +366,22 @@ def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float
 
 @lru_cache(maxsize=16)
 def _build_model_once(
-    robot: Robot, effects: tuple[EffectChoice, ...], _meant: tuple[Effect, ...], tolerance: float
+    robot: Robot, effects: tuple[EffectChoice, ...], _meant: tuple[Effect, ...], tolerance: float, _geometry: bytes
 ) -> Model:
     model = build_model(robot, effects, tolerance=tolerance)
     # Every identification asks for it: computed here, the copies have it.
     _ = model.at_rest
     return model
+
+
+def _read_geometry(robot: Robot) -> bytes:
+    """Return what the arrays hold that columns are built from."""
+    arrays = [
+        array
+        for tree in (robot, robot.tree)
+        for array in (tree.gravity, *(each for joint in tree.joints for each in (joint.placement, joint.axis)))
+    ]
+    return b"".join(np.asarray(array).tobytes() for array in arrays)
 
 
 def check_columns(columns: Sequence[Column]) -> None:

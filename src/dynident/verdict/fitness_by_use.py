@@ -473,7 +473,7 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
     if notable:
         sentence = f"The controller has to compensate much of the torque while joints move: {', '.join(notable)}."
         findings.append(UseFinding("limited", sentence, DIAGNOSE))
-    remembers = bool(evidence.identification.model.signals.memory_signals)
+    remembers = bool(evidence.identification.model.observation.memory)
     # The first phase, moving, is judged by the joints' errors above, on all rows of the held-out data.
     for phase in evidence.phases[1:]:
         if np.isnan(phase.share).all():

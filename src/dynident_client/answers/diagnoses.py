@@ -147,7 +147,8 @@ class DiagnosisResult(TypedDict):
     conclusion: Conclusion | None
     """What all this says, and the next thing to do"""
     detection_limits: list[DetectionLimit]
-    """The size of each effect on each joint that these recordings would have shown"""
+    """The size of each effect on each joint that these recordings would have shown; with a baseline, only of effects
+    that arms often have"""
     doubts: list[Doubt]
     """What is open, most important first; a next experiment might decide it"""
     failure_map: list[FailureSpot]

@@ -34,7 +34,7 @@ from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
-from dynident.progress import Progress, ignore_progress
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
@@ -239,7 +239,7 @@ def locate_findings(
     model = identification.model
     # The first coordinates of a base that moves carry no link.
     carriers = model.robot.joint_names[model.robot.n_massless :]
-    places = {k: _list_places(findings[k].judged.candidate.choice, carriers) for k in loose}
+    places = {k: [replace(findings[k].judged.candidate.choice, joints=(name,)) for name in carriers] for k in loose}
     # The findings and all places of the loose ones in one pool, so that the recordings are read once.
     choices = [finding.judged.candidate.choice for finding in findings] + [
         choice for own in places.values() for choice in own
@@ -268,10 +268,6 @@ def _is_as_good(best: ScoredCandidate, other: ScoredCandidate) -> bool:
     return are_indistinguishable(best, other) or float((best.gains - other.gains).sum()) < _NOTHING
 
 
-def _list_places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoice]:
-    return [replace(choice, joints=(joint,)) for joint in joints]
-
-
 def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
     best = max(judged, key=lambda scored: scored.total_gain)
     alike = [scored for scored in judged if scored is best or _is_as_good(best, scored)]
@@ -287,7 +283,7 @@ def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], join
 
 
 def refine_constants(
-    model: Model, findings: Sequence[Finding], inputs: RegressorInputs, resolved: Resolution
+    model: Model, findings: Sequence[Finding], inputs: RegressorInputs, resolved: Resolution, progress: Progress
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Return findings, those alike merged, and what they are with the shape constants that fit best.
 
@@ -301,8 +297,10 @@ def refine_constants(
         Recordings that the search learns from, the model's filters, and what torque is predicted with.
     resolved : Resolution
         What the data can resolve.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
     """
-    choices = refine_shapes(model, [finding.judged.candidate.choice for finding in findings], inputs)
+    choices = refine_shapes(model, [finding.judged.candidate.choice for finding in findings], inputs, progress)
     return merge_findings_with_close_constants(findings, choices, model.robot, resolved)
 
 
@@ -358,15 +356,15 @@ def refine_findings(
     if not choices:
         return (), (), dropped
     model = identification.model
-    findings, choices = refine_constants(model, findings, inputs, resolved)
-    progress(0.5, "shape constants refined")
+    findings, choices = refine_constants(model, findings, inputs, resolved, scale_progress(progress, 0.0, 0.5))
+    again = scale_progress(progress, 0.5, 1.0)
     # Refining may lead to constants that the data cannot resolve: then another name that explains as much takes over.
     while unresolved := {
         i: choice.joints for i, choice in enumerate(choices) if not is_width_resolved(choice, model.robot, resolved)
     }:
         dropped.update((findings[i].judged.candidate, Reason.build("not_resolved")) for i in unresolved)
         findings, choices = _rename_findings(findings, choices, unresolved)
-        choices = refine_shapes(model, choices, inputs)
+        choices = refine_shapes(model, choices, inputs, again)
     while choices:
         inputs = improve_reference(model, choices, inputs)
         lean = RefinedModel.from_choices(model, findings, choices, since, inputs, floor)
@@ -379,14 +377,14 @@ def refine_findings(
             findings, choices = _rename_findings(
                 findings, choices, {i: joints for i, (_, joints) in impossible.items()}
             )
-            choices = refine_shapes(model, choices, inputs)
+            choices = refine_shapes(model, choices, inputs, again)
             continue
         slimmer, needed = lean.select_needed(inputs.preprocessing)
         # Refining the constants of fewer effects may make others superfluous, so this goes on until nothing changes.
         if slimmer == choices:
             break
         findings = select(needed, "superfluous")
-        choices = refine_shapes(model, slimmer, inputs)
+        choices = refine_shapes(model, slimmer, inputs, again)
     if not choices:
         return (), (), dropped
     resolved_indices = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
@@ -413,24 +411,24 @@ def _rename_findings(
         if possible:
             renamed.append((finding, replace(choice, joints=possible)))
         # A name for some joints of a group alone has to be one that the data gave to these joints.
-        others = [
-            scored
-            for scored in finding.equal
-            if scored.candidate.effect != choice.effect
-            and (not possible or set(impossible[i]) <= set(scored.candidate.joints))
-        ]
-        if others:
-            new = Finding(replace(others[0], p=finding.p), tuple(others[1:]), finding.p)
+        equal, former = (
+            tuple(
+                scored
+                for scored in names
+                if scored.candidate.effect != choice.effect
+                and (not possible or set(impossible[i]) <= set(scored.candidate.joints))
+            )
+            for names in (finding.equal, finding.former)
+        )
+        if equal or former:
+            best, former = (equal[0], former) if equal else (former[0], former[1:])
+            new = Finding(replace(best, p=finding.p), equal[1:], finding.p, former=former)
             other = new.judged.candidate.choice
             renamed.append((new, replace(other, joints=impossible[i]) if possible else other))
     return tuple(finding for finding, _ in renamed), tuple(choice for _, choice in renamed)
 
 
-def improve_reference(
-    model: Model,
-    choices: Sequence[EffectChoice],
-    inputs: RegressorInputs,
-) -> RegressorInputs:
+def improve_reference(model: Model, choices: Sequence[EffectChoice], inputs: RegressorInputs) -> RegressorInputs:
     """Return the inputs with the parameters that torque is predicted with once the effects are in the model.
 
     Without these effects the parameters are biased by them.

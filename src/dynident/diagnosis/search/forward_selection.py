@@ -94,7 +94,8 @@ def _merge_group(rows: ProductSource, state: State, several: Sequence[Finding]) 
         return state
     # That something is there was tested for each of them; the new name takes over the surest test.
     p = min(finding.p for finding in several)
-    new = Finding(replace(parents[best.candidate.choice], p=p), (), p)
+    equal = [parents[scored.candidate.choice] for scored in _list_other_names(best, as_good)]
+    new = Finding(replace(parents[best.candidate.choice], p=p), tuple(equal), p)
     findings = [new if finding is several[0] else finding for finding in state.findings]
     remaining = tuple(finding for finding in findings if finding is new or finding not in several)
     return replace(state, base=without_them.base + new.columns, findings=remaining)
@@ -126,9 +127,10 @@ def revisit_findings(state: State) -> State:
     for number, finding in enumerate(state.findings):
         if len(finding.judged.candidate.joints) != 1 or finding.is_transient:
             continue
-        better = _find_better_name(state, _score_rivals(state, finding))
-        if better is not None:
-            new = Finding(replace(better, p=finding.p), (), finding.p)
+        name = _find_better_name(state, _score_rivals(state, finding))
+        if name is not None:
+            better, equal, own = name
+            new = Finding(replace(better, p=finding.p), equal, finding.p, former=(own, *finding.former))
             rest = state.drop_columns(finding.columns)
             findings = (*state.findings[:number], new, *state.findings[number + 1 :])
             state = replace(rest, base=rest.base + new.columns, findings=findings)
@@ -150,21 +152,42 @@ def _score_rivals(state: State, finding: Finding) -> list[ScoredCandidate]:
     return [replace(scored, p=finding.p) for scored in score_on_common_rows(without_it, mine, free)]
 
 
-def _find_better_name(state: State, scores: Sequence[ScoredCandidate]) -> ScoredCandidate | None:
-    """Return what passes the rules and says clearly more than the first of the candidates, in nearly every draw."""
+def _find_better_name(
+    state: State, scores: Sequence[ScoredCandidate]
+) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...], ScoredCandidate] | None:
+    """Return what says clearly more than the first of the candidates, its equals, and that first one.
+
+    It passes the rules, and says more in nearly every draw.
+    """
     own, *others = scores
     beside = state.drop_columns(own.candidate.columns)
+
+    def is_acceptable(scored: ScoredCandidate) -> bool:
+        return find_rejection(beside, scored) is None and is_physically_possible(beside, scored)
+
     better = [
         scored
         for scored in others
         if scored.candidate.effect != own.candidate.effect
         and scored.total_gain > own.total_gain
         and (scored.freedom <= own.freedom or has_larger_gain(scored, own))
-        and find_rejection(beside, scored) is None
-        and is_physically_possible(beside, scored)
+        and is_acceptable(scored)
         and compute_stability([scored], [own], state.data.moving.run) >= state.rules.found_again
     ]
-    return max(better, key=lambda scored: scored.total_gain, default=None)
+    if not better:
+        return None
+    best = max(better, key=lambda scored: scored.total_gain)
+    as_good = [scored for scored in scores if explains_as_much(scored, best) and is_acceptable(scored)]
+    return best, _list_other_names(best, as_good), own
+
+
+def _list_other_names(best: ScoredCandidate, as_good: Sequence[ScoredCandidate]) -> tuple[ScoredCandidate, ...]:
+    """List the best candidate of every other effect among those that explain as much."""
+    names: dict[str, ScoredCandidate] = {}
+    for scored in sorted(as_good, key=lambda scored: -scored.total_gain):
+        if scored.candidate.effect != best.candidate.effect:
+            names.setdefault(scored.candidate.effect, scored)
+    return tuple(names.values())
 
 
 def is_of_position(finding: Finding) -> bool:
@@ -268,19 +291,17 @@ def search_findings(
 
 
 def settle_findings(record: SearchRecord) -> None:
-    """Give what a search added its last names on the grid: renamed, merged, without what is superfluous, split.
+    """Settle what a search added, on the grid: merge findings, drop superfluous ones, split groups.
 
-    What was found before something else on its joint is asked about once more. What two findings over the position of a
-    joint say, one that says as much takes the name of. Joints of a group whose constants the data tell apart are told
-    with their own.
+    Several findings over the position of a joint become one that explains as much. Joints of a group whose constants
+    the data tell apart become findings with their own constants.
 
     Parameters
     ----------
     record : SearchRecord
         What the search added; its state becomes that of the findings that stay.
     """
-    # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
-    # split.
+    # The order matters: a finding may be superfluous beside what others were merged into, and only what lasts is split.
     state = merge_findings_on_joint(record.rows, record.state)
     pruned = prune_findings(state)
     lasting = {finding.judged.candidate for finding in pruned.findings}

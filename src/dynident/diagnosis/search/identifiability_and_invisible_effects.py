@@ -16,14 +16,14 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.search_state import State
-from dynident.effects import Column, EffectChoice, get_effect
+from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import solve_weighted
 from dynident.estimation.least_squares import compute_noise_levels
 from dynident.identification import Identification
 from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.number_format import format_percent
-from dynident.progress import Progress
+from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 
 _AT_FIRST = (
@@ -220,7 +220,9 @@ def extend_with_findings(
         try:
             grown = extend_at_once(identification, [recommended[number] for number in numbers], recordings, progress)
         except DynidentError:
-            return _extend_one_by_one(identification, recommended, numbers, recordings, undetermined)
+            grown, failed = _extend_one_by_one(identification, recommended, numbers, recordings, progress)
+            undetermined.update(failed)
+            numbers = [number for number in numbers if number not in failed]
         idle = [number for number in numbers if is_only_helpful_at_first(grown, recommended[number])]
         if not idle:
             return grown, undetermined
@@ -236,18 +238,20 @@ def _extend_one_by_one(
     recommended: Sequence[EffectChoice],
     numbers: Sequence[int],
     recordings: Sequence[Recording],
-    undetermined: dict[int, tuple[Invisible, Reason]],
+    progress: Progress,
 ) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
     """Extend the model by one effect after another where one of them cannot be added, first-order effects last."""
-    grown = identification
-    for number in sorted(numbers, key=lambda number: get_effect(recommended[number].effect).first_order):
+    grown, failed = identification, dict[int, tuple[Invisible, Reason]]()
+    ordered = sorted(numbers, key=lambda number: get_effect(recommended[number].effect).first_order)
+    for k, number in enumerate(ordered):
         choice = recommended[number]
+        own_progress = scale_progress(progress, k / len(ordered), (k + 1) / len(ordered))
         try:
-            grown = extend_at_once(grown, [choice], recordings)
+            grown = extend_at_once(grown, [choice], recordings, own_progress)
         except DynidentError as error:
             invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
-            undetermined[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
-    return grown, undetermined
+            failed[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
+    return grown, failed
 
 
 def is_only_helpful_at_first(grown: Identification, choice: EffectChoice) -> bool:
@@ -266,13 +270,11 @@ def is_only_helpful_at_first(grown: Identification, choice: EffectChoice) -> boo
     """
     if not get_effect(choice.effect).first_order:
         return False
-    others = [k for k, column in enumerate(grown.model.kept) if not _is_of_choice(column, choice)]
+    # Columns of the same effect may be in the model already, with other runs or shape constants.
+    own = {column.key for column in build_columns([choice], grown.model.signals)}
+    others = [k for k, column in enumerate(grown.model.kept) if column.key not in own]
     now, without = (
         compute_noise_levels(rows, solve_weighted(rows).values)
         for rows in (grown.data.training, grown.data.training.select_columns(others))
     )
     return not (now**2 <= (1.0 - RULES.least_drop) * without**2).any()
-
-
-def _is_of_choice(column: Column, choice: EffectChoice) -> bool:
-    return column.effect == choice.effect and (not choice.joints or column.link in choice.joints)

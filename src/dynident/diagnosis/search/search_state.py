@@ -53,6 +53,9 @@ class Finding:
         coarse ones cannot, so that it is not taken for something else.
     why : str
         What speaks for it, in words, where it is not its mark in the residual of a moving joint.
+    former : tuple of ScoredCandidate
+        Names that it had before: less likely, but one of them stands where its name and the equal ones turn out to be
+        impossible.
     """
 
     judged: ScoredCandidate
@@ -60,6 +63,7 @@ class Finding:
     p: float
     around: tuple[int, ...] = ()
     why: str = ""
+    former: tuple[ScoredCandidate, ...] = ()
 
     @property
     def is_transient(self) -> bool:
