@@ -115,7 +115,8 @@ def detect_dialect(start: bytes) -> Dialect:
     lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
     if (form := find_line_form(lines)) is not None:
         names, separate, remark = form
-        texts = _collect_texts([_split_fields(line, ",") for line in separate("\n".join(lines)).splitlines()], names)
+        rows = [_split_fields(line, ",") for line in separate("\n".join(lines)).splitlines()]
+        texts = _collect_texts([row for row in rows if len(row) == len(names)], names)
         return Dialect(
             ",", ".", names, 0, texts=texts, rewrite=(*rewrite, separate), encoding=encoding, remarks=(remark,)
         )
@@ -136,13 +137,15 @@ def detect_dialect(start: bytes) -> Dialect:
     header.names, remarks = number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
+    texts = _collect_texts(rows, header.names)
+    _check_kinds(texts.get("column1", ()))
     return Dialect(
         delimiter,
         "," if comma else ".",
         header.names,
         header.lines,
         header.units,
-        _collect_texts(rows, header.names),
+        texts,
         tuple(rewrite),
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
@@ -211,6 +214,9 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
         return None
     if any(place + 1 in clocks or place + 1 == width for place in clocks):
         return None
+    rows = [_split_fields(line, delimiter) for line in lines[body : body + 20]]
+    if len(clocks) < 2 or not all(_is_rising([row[place] for row in rows if len(row) == width]) for place in clocks):
+        return None
     whole = ([head[key][place] for place in channels] for key in (*_NAMES_OF_CHANNELS, *head) if key in head)
     names = next((values for values in whole if all(values) and len(set(values)) == len(values)), None)
     if names is None:
@@ -231,6 +237,11 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     units |= {name: unit for name, unit in stated.items() if unit and _UNIT.match(unit)}
     comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
     return delimiter, comma, _Header(tuple(columns), body, units, clock_of)
+
+
+def _is_rising(cells: Sequence[str]) -> bool:
+    numbers = [float(cell.replace(",", ".")) for cell in cells if _NUMBER.match(cell)]
+    return all(after > before for before, after in pairwise(numbers))
 
 
 def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
@@ -381,7 +392,18 @@ def _is_marked_row(lines: Sequence[str]) -> bool:
     rows = [_split_fields(line, delimiter) for line in lines]
     alike = [row for row in rows if len(row) == len(rows[0]) and row[0] == rows[0][0]]
     is_word = len(alike) > 1 and bool(re.match(r"^[^\W\d_]", rows[0][0])) and len(rows[0]) > 3
-    return is_word and all(map(_NUMBER.match, (cell for row in alike for cell in row[1:])))
+    return is_word and all(_is_number(cell) for row in alike for cell in row[1:])
+
+
+def _check_kinds(words: Sequence[str]) -> None:
+    """Refuse rows that begin with one word, then another, and then the first again: messages of several kinds."""
+    changes = sum(before != after for before, after in pairwise(words))
+    if changes >= len(kinds := dict.fromkeys(words)) > 1:
+        raise RecordingError(
+            f"The rows are messages of several kinds ({', '.join(list(kinds)[:4])}) with as many cells: keep those of "
+            "one kind, or write a first line with the names of the columns.",
+            title="Unreadable file",
+        )
 
 
 def _is_row(text: str, delimiter: str) -> bool:
