@@ -457,10 +457,7 @@ def _list_next_steps(
     if stop is not None and stop.records_more:
         return ["Record a longer, designed motion, and identify again.", "Hold out a motion with the same load."]
     if stop is not None:
-        return [
-            "Read the checks of each recording.",
-            "Compare the description with the robot: axes, gravity.",
-        ]
+        return ["Read the checks of each recording.", "Compare the description with the robot: axes, gravity."]
     # Disturbances come first: they shift all parameters, and cost a window of time to leave out.
     steps = [
         f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where an external disturbance acted."
