@@ -437,8 +437,8 @@ def _advise_windows(blocks: FloatArray, recordings: Sequence[Recording], spans: 
         windows = [(start, end) for start, end in sides if end > start]
     # Rounded away from the disturbance: what is left out too much costs little.
     rounded = [(np.ceil(10.0 * start) / 10.0, np.floor(10.0 * end) / 10.0) for start, end in windows]
-    kept = ",".join(f"{start:.1f}:{end:.1f}" for start, end in rounded if end > start)
-    return [f"For that identify with the windows {recordings[0].name}={kept}."] if kept else []
+    texts = ",".join(f"{start:.1f}:{end:.1f}" for start, end in rounded if end > start)
+    return [f"For that identify with the windows {recordings[0].name}={texts}."] if texts else []
 
 
 def _list_next_steps(

@@ -265,7 +265,7 @@ def _describe_other_load(identification: Identification) -> str:
             parts.append(rows[:, :-1] @ change[equation.columns])
             predicted = rows[:, :-1] @ values[equation.columns]
             residuals.append(rows[:, -1] - predicted)
-            factor = predicted @ rows[:, -1] / max(predicted @ predicted, np.finfo(float).tiny)
+            factor = float(predicted @ rows[:, -1]) / max(float(predicted @ predicted), np.finfo(float).tiny)
             by_factor += float(((rows[:, -1] - factor * predicted) ** 2).sum())
         observed, residual = np.concatenate(parts), np.concatenate(residuals)
         sizes = np.maximum(np.linalg.norm(observed, axis=0), np.finfo(float).tiny)
