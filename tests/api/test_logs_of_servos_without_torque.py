@@ -94,8 +94,8 @@ def as_lerobot_writes(counts: FloatArray, *, use_degrees: bool) -> FloatArray:
 @pytest.mark.parametrize("use_degrees", [True, False])
 def test_shares_of_the_calibrated_range_are_told_from_degrees_by_their_steps(tmp_path, arm, use_degrees):
     q, commands = (np.rint(part * 4096.0 / (2.0 * np.pi)) for part in make_exact_log(arm, 3, GAIN))
-    written = (as_lerobot_writes(counts, use_degrees=use_degrees) for counts in (q, commands))
-    path = write_data_set(tmp_path / "set", *written, arm)
+    written, sent = (as_lerobot_writes(counts, use_degrees=use_degrees) for counts in (q, commands))
+    path = write_data_set(tmp_path / "set", written, sent, arm)
     found = dy.inspect(path, arm, drive_gains=[GAIN] * 6)
     assert found.questions == ()
     (read,) = dy.read_recordings(path, robot=arm, drive_gains=[GAIN] * 6, **found.said)
@@ -111,9 +111,8 @@ def test_shares_of_the_calibrated_range_are_told_from_degrees_by_their_steps(tmp
 def test_the_unit_of_a_joint_that_stands_is_asked_for_beside_shares(tmp_path, arm):
     q, commands = (np.rint(part * 4096.0 / (2.0 * np.pi)) for part in make_exact_log(arm, 3, GAIN))
     q[:, 4] = commands[:, 4] = 40.0
-    path = write_data_set(
-        tmp_path / "set", *(as_lerobot_writes(counts, use_degrees=False) for counts in (q, commands)), arm
-    )
+    written, sent = (as_lerobot_writes(counts, use_degrees=False) for counts in (q, commands))
+    path = write_data_set(tmp_path / "set", written, sent, arm)
     (question,) = dy.inspect(path, arm, drive_gains=[GAIN] * 6).questions
     assert question.field == "units/q5"
     assert "range_max - range_min" in question.detail

@@ -79,4 +79,8 @@ def test_counts_that_differ_by_joint_are_asked_with_estimates(seed: int) -> None
     (asked,) = [one for one in found.questions if one.field == "units/q"]
     value = asked.remedies[0].value
     assert isinstance(value, dict)
-    np.testing.assert_allclose([float(value[f"q{j}"].partition(":")[2]) for j in (2, 3)], counts[1:3], rtol=0.15)
+    # The last joint carries nothing, and any scale of it explains as much.
+    assert sorted(value) == ["q1", "q2", "q3", "q4", "q5"]
+    assert "and those of other joints" in asked.detail
+    estimates = [float(unit.partition(":")[2]) for _, unit in sorted(value.items())]
+    np.testing.assert_allclose(estimates, counts[:5], rtol=0.15)

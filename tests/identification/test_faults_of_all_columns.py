@@ -198,6 +198,20 @@ def test_a_joint_that_was_not_homed_is_named_with_the_angle_that_it_reads_too_mu
     assert check.apply.zeros == {f"q{joint}": pytest.approx(off, abs=0.03)}
 
 
+@pytest.mark.parametrize(("seed", "off"), [(3, 0.5 * np.pi), (4, -1.2)])
+def test_another_zero_of_the_last_joint_is_named_beside_a_load_on_its_link(seed: int, off: float) -> None:
+    inertias = ROBOT.inertias.copy()
+    inertias[-1] += np.array([0.06, 0, 0, 0.06, 0, 0.01, 0.12, 0.0, 0.2, 2.0])
+    robot, motion = replace(ROBOT, inertias=inertias), fourier_motion(ROBOT, 15.0, 100.0, seed)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 1.5 * np.sign(motion.dq) + 2.0 * motion.dq
+    tau += 0.3 * np.random.default_rng(seed).normal(size=tau.shape)
+    (check,) = findings(record(robot, replace(motion, q=motion.q + off * (np.arange(6) == 5)), tau), robot)
+    assert (check.name, check.status) == ("joint_zero", "warning")
+    assert check.apply is not None
+    assert check.apply.zeros == {"q6": pytest.approx(off, abs=0.03)}
+    assert "load on this link" in check.detail
+
+
 def test_positions_from_the_start_are_told_where_no_fault_of_single_columns_explains_as_much() -> None:
     robot = robot_from_urdf("few", crooked_urdf(3, 4, ()))
     motion = fourier_motion(robot, 10.0, 100.0, 9)

@@ -103,3 +103,12 @@ def test_no_load_is_told_where_something_else_differs() -> None:
     pushed = record(robot, motion, tau + 40.0 * np.sin(2.0 * motion.t)[:, None], "b")
     (warning,) = [one for one in identify(robot, [run("a", 1)], [pushed], CHOICES).warnings if "validation data" in one]
     assert "such as another load" in warning
+
+
+@pytest.mark.parametrize("gains", [1.3 * np.ones(6), np.array([1.0, 1.0, 1.0, 1.6, 1.5, 1.7])])
+def test_no_load_is_told_where_factors_of_the_torques_explain_as_much(gains: np.ndarray) -> None:
+    robot, motion = arm("ur10"), fourier_motion(arm("ur10"), 8.0, 200.0, seed=2, amplitude=1.2)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 1.5 * np.sign(motion.dq) + 2.0 * motion.dq
+    scaled = record(robot, motion, (tau + 0.2 * motion.ddq) * gains, "b")
+    (warning,) = [one for one in identify(robot, [run("a", 1)], [scaled], CHOICES).warnings if "validation data" in one]
+    assert "such as another load" in warning

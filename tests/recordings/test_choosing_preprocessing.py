@@ -102,6 +102,32 @@ def test_axes_that_somebody_called_like_a_base_are_joints() -> None:
     assert choices[0] != choices[2]
 
 
+@pytest.mark.parametrize(
+    ("sway", "frequency", "noise", "is_left_out"),
+    [(0.0, 0.3, 1e-6, True), (0.0, 0.3, 1e-3, True), (0.02, 0.3, 1e-3, True), (0.2, 0.3, 0.01, False)],
+)
+def test_a_base_that_stands_or_hardly_sways_leaves_the_filter_to_the_joints(
+    sway: float, frequency: float, noise: float, is_left_out: bool
+) -> None:
+    rng, t = np.random.default_rng(0), np.arange(15000) / 500.0
+    names = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll", *(f"joint{k}" for k in range(6)))
+    joints = 0.5 * np.sin(2 * np.pi * rng.uniform(0.5, 1.2, 6) * t[:, None] + np.arange(6))
+    base = sway * np.sin(2 * np.pi * frequency * t)[:, None] * np.ones(6)
+
+    def choose(noise_of_base: float, moved: np.ndarray) -> Preprocessing:
+        q = np.hstack([moved + noise_of_base * rng.normal(size=base.shape), joints])
+        q[:, 6:] += 1e-5 * rng.normal(size=joints.shape)
+        return choose_preprocessing([recording_from_arrays(t, q, np.zeros_like(q), joint_names=names)])
+
+    without, chosen = choose(0.0, np.zeros_like(base)), choose(noise, base)
+    if is_left_out:
+        assert (chosen.position_cutoff, chosen.decimation) == (without.position_cutoff, without.decimation)
+    else:
+        # Narrowed by the base's noise, but not below the band of the joints' motion, 1.2 Hz.
+        assert 1.0 <= chosen.torque_cutoff < without.torque_cutoff
+        assert "of the base" in chosen.reasons[0]
+
+
 def test_rows_are_decimated_to_at_least_four_times_the_cutoff():
     choice = choose_preprocessing([recorded()])
     assert 4.0 <= 200.0 / choice.decimation / choice.torque_cutoff < 6.0

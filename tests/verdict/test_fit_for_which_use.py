@@ -98,6 +98,26 @@ def test_a_diagnosis_of_the_model_does_not_change_its_verdict() -> None:
     assert judge_feed_forward(evidence) == before
 
 
+def test_advised_windows_keep_what_was_left_out_and_the_digits_of_the_time() -> None:
+    start = 1.7e9
+    motion, tau = measured(3)
+    push = ((motion.t > 12.0) & (motion.t < 14.0))[:, None] * 0.2 * EFFORT * (np.arange(6) == 0)
+    given = ((start, start + 7.0), (start + 8.0, start + 19.5))
+    pushed = run("pushed", replace(motion, t=motion.t + start), tau + push).with_windows(given)
+
+    def advised(recording: Recording) -> list[str]:
+        steps = verdict(identify(ROBOT, [recording], [OTHER]), [recording], [OTHER]).next_steps
+        return [step for step in steps if "identify with the windows" in step]
+
+    (step,) = advised(pushed)
+    windows = [tuple(map(float, text.split(":"))) for text in step.rstrip(".").split("=")[1].split(",")]
+    assert windows[0] == given[0]
+    assert (len(windows), windows[1][0], windows[2][1]) == (3, given[1][0], given[1][1])
+    assert 10.5 < windows[1][1] - start <= 12.1 < 13.9 <= windows[2][0] - start < 15.5
+    # The option separates windows by commas, so that it cannot name this recording.
+    assert advised(replace(pushed, name="a,b")) == []
+
+
 def test_every_next_step_has_its_call_in_python() -> None:
     assert set(_CALLS) == set(get_args(Action))
     for call in _CALLS.values():

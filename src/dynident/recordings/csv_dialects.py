@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from dynident.recordings.cells_without_numbers import make_counted_names
-from dynident.recordings.formats.packed_messages import name_message_columns
+from dynident.recordings.formats.packed_messages import check_message_kinds, name_message_columns
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     count_list_items,
@@ -136,13 +136,14 @@ def detect_dialect(start: bytes) -> Dialect:
     header.names, remarks = number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
+    check_message_kinds((texts := _collect_texts(rows, header.names)).get("column1", ()))
     return Dialect(
         delimiter,
         "," if comma else ".",
         header.names,
         header.lines,
         header.units,
-        _collect_texts(rows, header.names),
+        texts,
         tuple(rewrite),
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
@@ -190,8 +191,8 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     Above them stands a key in every column of time, and what it says of the channels in the ones beside it, as a scope
     writes it: `Name;Axis1.Position;Axis2.Position;Name;Axis1.Torque;Axis2.Torque`.
     """
-    body = next((number for number in range(first, len(lines)) if _is_data(lines[number])), None)
-    if body is None or body == first:
+    body = next((number for number in range(first, len(lines)) if _is_data(lines[number])), first)
+    if body == first:
         return None
     delimiter = next((sign for sign in "\t;|," if sign in lines[body]), ",")
     fields = _split_fields(lines[body], delimiter)
@@ -209,20 +210,19 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     channels = [place for place in range(width) if place not in clocks]
     if (len(head) < 2 and clocks != set(range(0, width, 2))) or width < 4 or not head or 0 not in clocks:
         return None
-    if any(place + 1 in clocks or place + 1 == width for place in clocks):
+    # Names in two lines repeat words as well, above positions and torques: those are no times.
+    below = [row for line in lines[body : body + 20] if len(row := _split_fields(line, delimiter)) == width]
+    times = [[row[place].replace(",", ".") for row in below if _NUMBER.match(row[place])] for place in clocks]
+    is_rising = all(float(after) > float(before) for own in times for before, after in pairwise(own))
+    if len(clocks) < 2 or not is_rising or any(place + 1 in clocks or place + 1 == width for place in clocks):
         return None
     whole = ([head[key][place] for place in channels] for key in (*_NAMES_OF_CHANNELS, *head) if key in head)
     names = next((values for values in whole if all(values) and len(set(values)) == len(values)), None)
     if names is None:
         return None
-    columns, clock_of, by_place = [""] * width, {}, dict(zip(channels, names, strict=True))
-    for place in range(width):
-        if place in clocks:
-            columns[place] = f"{by_place[place + 1]}.time"
-            clock = columns[place]
-        else:
-            columns[place] = by_place[place]
-            clock_of[by_place[place]] = clock
+    by_place = dict(zip(channels, names, strict=True))
+    columns = [by_place.get(place) or f"{by_place[place + 1]}.time" for place in range(width)]
+    clock_of = {by_place[place]: columns[max(clock for clock in clocks if clock < place)] for place in channels}
     step = next((key for key in head if key.startswith("sampletime")), "")
     unit = step.partition("[")[2].strip("] ")
     units = dict.fromkeys(clock_of.values(), unit) if unit else {}
@@ -381,7 +381,7 @@ def _is_marked_row(lines: Sequence[str]) -> bool:
     rows = [_split_fields(line, delimiter) for line in lines]
     alike = [row for row in rows if len(row) == len(rows[0]) and row[0] == rows[0][0]]
     is_word = len(alike) > 1 and bool(re.match(r"^[^\W\d_]", rows[0][0])) and len(rows[0]) > 3
-    return is_word and all(map(_NUMBER.match, (cell for row in alike for cell in row[1:])))
+    return is_word and all(_is_number(cell) for row in alike for cell in row[1:])
 
 
 def _is_row(text: str, delimiter: str) -> bool:
@@ -481,7 +481,7 @@ def _name_list_columns(header: _Header, original: Sequence[str], delimiter: str)
 def _collect_texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return the first cells of columns most of whose cells are words."""
     texts = {}
-    for name, cells in zip(names, zip(*rows, strict=True), strict=False):
+    for name, cells in zip(names, zip(*(row for row in rows if len(row) == len(names)), strict=True), strict=False):
         words = sum(1 for cell in cells if cell and not _is_number(cell))
         if 2 * words > sum(map(bool, cells)):
             texts[name] = tuple(cells)

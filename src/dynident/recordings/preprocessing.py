@@ -68,6 +68,8 @@ class _Bands:
     noise_rms: float
     little_noise: float
     """Up to here noise is a small share yet."""
+    power: float
+    """Mean square of the velocity of all of them that move, in their bands."""
     of_base: bool = False
 
 
@@ -78,8 +80,8 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
     (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
     explained by filtered positions. Theirs lies an octave higher, as far as that share stays below 1 % there. Rows
-    are decimated to no less than 4 times the torque cut-off. For a base that moves the same is chosen from its own
-    coordinates, and the lower cut-offs count.
+    are decimated to no less than 4 times the torque cut-off. For a base that moves at 5 % of the joints' speed or more
+    the same is chosen from its own coordinates. The lower cut-offs count, but none below the joints' motion.
 
     Parameters
     ----------
@@ -265,8 +267,12 @@ def _load_bands(recording: Recording) -> list[_Bands]:
     if recording not in _known:
         averages = estimate_spectra(recording)
         is_base = np.arange(recording.n) < count_base_coordinates(recording.joint_names)
-        bands = [_find_bands(averages, group, of_base) for group, of_base in ((~is_base, False), (is_base, True))]
-        _known[recording] = [own for own in bands if own is not None]
+        joints, base = (_find_bands(averages, is_base == of_base, of_base) for of_base in (False, True))
+        if joints is not None and base is not None:
+            # A base that moves less than noise may says nothing. The filter of any other leaves the joints' motion.
+            is_negligible = base.power < NOISE_SHARE**2 * joints.power
+            base = None if is_negligible else replace(base, motion=max(base.motion, joints.motion))
+        _known[recording] = [own for own in (joints, base) if own is not None]
         if not _known[recording]:
             raise RecordingError(
                 "No joint moves in the windows of the recording, so the filters cannot be chosen. Choose windows with "
@@ -288,6 +294,7 @@ def _find_bands(averages: Spectra, group: BoolArray, of_base: bool) -> _Bands | 
     motion: list[float] = []
     limit: list[float] = []
     little: list[float] = []
+    squared = 0.0
     # The motion's own power, without that of the noise.
     power = np.maximum(averages.velocity - noise, 0.0)
     moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
@@ -301,9 +308,12 @@ def _find_bands(averages: Spectra, group: BoolArray, of_base: bool) -> _Bands | 
         band = _find_band_end(
             averages.frequency, averages.velocity[:, joint], noise[:, joint], averages.windows, own_reach
         )
-        if power[:band, joint].sum() <= 0.0:
+        inside = float(power[:band, joint].sum())
+        # The pose of a base that stands is noise.
+        if inside <= (SUNK * float(noise[:band, joint].sum()) if of_base else 0.0):
             continue
-        below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
+        squared += step * inside
+        below = np.cumsum(power[:band, joint]) / inside
         motion.append(averages.frequency[int(np.searchsorted(below, MOTION_SHARE))])
         # The motion's own acceleration, inside its band: the measure of the noise that follows.
         own = float((power[:band, joint] * gain[:band, 0]).sum())
@@ -316,7 +326,7 @@ def _find_bands(averages: Spectra, group: BoolArray, of_base: bool) -> _Bands | 
         return None
     # The median over the joints: one joint that vibrates, or one coarse encoder, does not decide for all.
     band, noise_at, little_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit, little))
-    return _Bands(band, noise_at, float(np.median(rms)), little_at, of_base)
+    return _Bands(band, noise_at, float(np.median(rms)), little_at, squared, of_base)
 
 
 def _find_band_end(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynident.array_types import FloatArray
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, OutlyingSpan, find_outlying_spans
@@ -266,7 +267,7 @@ def verdict(
         identification.held_out_moving,
         stop,
         common,
-        tuple(_list_next_steps(identification, stop, common, spans, from_commands=from_commands)),
+        tuple(_list_next_steps(identification, recordings, stop, common, spans, from_commands=from_commands)),
         drift,
         force,
         mass,
@@ -426,19 +427,23 @@ def _replace_diagnosis(findings: Sequence[UseFinding]) -> list[UseFinding]:
     ]
 
 
-def _list_windows_beside(identification: Identification, spans: Sequence[OutlyingSpan]) -> str:
-    """Write the windows of the only recording of the fit without some seconds; "" where there are several, or none."""
-    names, blocks = identification.data.measurement_names, identification.data.training.spans
-    if len(names) != 1 or not spans:
-        return ""
-    ends = np.sort([blocks[0, 0], blocks[-1, 1], *(end for span in spans for end in (span.start, span.end))])
+def _advise_windows(blocks: FloatArray, recordings: Sequence[Recording], spans: Sequence[OutlyingSpan]) -> list[str]:
+    """Write the windows of the fit's only recording without some seconds; nothing where the option cannot say them."""
+    if len(recordings) != 1 or not spans or "," in recordings[0].name:
+        return []
+    windows = list(recordings[0].windows or [(float(blocks[0, 0]), float(blocks[-1, 1]))])
+    for span in spans:
+        sides = [side for a, b in windows for side in ((a, min(b, span.start)), (max(a, span.end), b))]
+        windows = [(start, end) for start, end in sides if end > start]
     # Rounded away from the disturbance: what is left out too much costs little.
-    windows = zip(np.ceil(10.0 * ends[::2]) / 10.0, np.floor(10.0 * ends[1::2]) / 10.0, strict=True)
-    return f"{names[0]}=" + ",".join(f"{start:g}:{end:g}" for start, end in windows if end > start)
+    rounded = [(np.ceil(10.0 * start) / 10.0, np.floor(10.0 * end) / 10.0) for start, end in windows]
+    texts = ",".join(f"{start:.1f}:{end:.1f}" for start, end in rounded if end > start)
+    return [f"For that identify with the windows {recordings[0].name}={texts}."] if texts else []
 
 
 def _list_next_steps(
     identification: Identification,
+    recordings: Sequence[Recording],
     stop: Stop | None,
     common: Sequence[DataOverlap],
     spans: Sequence[OutlyingSpan],
@@ -452,20 +457,13 @@ def _list_next_steps(
     if stop is not None and stop.records_more:
         return ["Record a longer, designed motion, and identify again.", "Hold out a motion with the same load."]
     if stop is not None:
-        return [
-            "Read the checks of each recording.",
-            "Compare the description with the robot: axes, gravity.",
-        ]
+        return ["Read the checks of each recording.", "Compare the description with the robot: axes, gravity."]
     # Disturbances come first: they shift all parameters, and cost a window of time to leave out.
     steps = [
         f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where an external disturbance acted."
         for span in spans
     ]
-    steps += (
-        [f"For that identify with the windows {windows}."]
-        if (windows := _list_windows_beside(identification, spans))
-        else []
-    )
+    steps += _advise_windows(identification.data.training.spans, recordings, spans)
     if identification.model.is_at_rest:
         return [_judge_poses(identification), "Record a designed motion to identify the dynamics."]
     if identification.held_out_judged is None:

@@ -70,9 +70,8 @@ class DynamicsFits:
         try:
             q, tau, _ = self.condition_signals(q, tau)
             good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-            segment = self._segment[good]
-            names = self.robot.joint_names
-            recording = recording_from_arrays(self._t[good], q[good], tau[good], joint_names=names, segment=segment)
+            arrays, names = (self._t[good], q[good], tau[good]), self.robot.joint_names
+            recording = recording_from_arrays(*arrays, joint_names=names, segment=self._segment[good])
             return replace(recording, torque_from_commands=self.from_commands)
         except DynidentError:
             return None
@@ -210,8 +209,7 @@ def find_scales_by_joint(
         return 1.0 if share is None else share
 
     scales, span = np.zeros(len(turning)), float(np.nanmax(np.ptp(stated[:, turning], axis=0)))
-    # Each trial is a fit: of longer chains there would be too many.
-    if len(turning) > MOST_JOINTS or not 0.0 < span < np.inf:
+    if len(turning) > MOST_JOINTS or not 0.0 < span < np.inf:  # each trial is a fit: too many of longer chains
         return None
     as_one = least = measure(scales)
     are_counts = unit.startswith("counts:")  # any encoder and gear give such, and friction explains wrists with all
@@ -229,20 +227,22 @@ def find_scales_by_joint(
             tried = scales + side * (np.arange(len(turning)) == joint)
             if (share := measure(tried)) < least:
                 scales, least = tried, share
-        # Where the first steps do not help, nothing else does: something else is wrong.
+        # Where the first steps do not help, something else is wrong.
         if step < _LEAST_STEP or (step == first and least > _HARDLY_LESS * as_one):
             break
         step *= 0.5 if least > _HARDLY_LESS * before else 1.0
     if (least >= BORNE_OUT and not are_counts) or _CLEARLY * least > as_one or np.abs(scales[turning]).max() < first:
         return None
     counts = [float(f"{2.0 * np.pi / factor / np.exp(scale):.3g}") for scale in scales]
-    units = {int(joint): f"counts:{counts[joint]:.10g}" for joint in np.flatnonzero(turning)}
+    steps = first * np.eye(len(turning))  # scales of joints that carry little change nothing: they are not determined
+    known = [measure(scales + change) + measure(scales - change) > 2.0 * least / _HARDLY_LESS for change in steps]
+    units = {int(joint): f"counts:{counts[joint]:.10g}" for joint in np.flatnonzero(turning & known)}
     reason = (
         f"as {unit} the robot's dynamics leave {_write_share(as_one)} of the torque unexplained, and "
         f"{_write_share(least)} with counts per turn of its own for each joint, as where gears or encoders differ. The "
-        "numbers are estimates: look up the exact ones, the gear ratio times what a turn of the motor counts"
+        "numbers are estimates: look up the exact ones, and those of other joints: gear ratio times counts per turn"
     )
-    return units, reason, True
+    return (units, reason, True) if units else None
 
 
 def _write_share(share: float) -> str:

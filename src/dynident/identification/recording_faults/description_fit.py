@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -147,51 +147,6 @@ class DescriptionFit:
             # Neither the load nor other joints depend on the torque of some joints.
             shares = self._few_shares | _estimate_shares(motion, self._few_loads, fault.joints)
         return float(np.mean([*shares.values()])) if shares else None
-
-    def is_of_load(self, fault: ColumnFault) -> bool:
-        """Tell whether a load that the description lacks explains about as much as another zero of a last joint.
-
-        Such a zero turns the masses of the last link alone, and looks like other masses.
-
-        Parameters
-        ----------
-        fault : ColumnFault
-            The fault.
-        """
-        mended, motion, load = self.estimate_left(fault), self._few_rows, self._few_loads
-        link = fault.joints[0]
-        is_last = link not in {joint.parent for joint in self.robot.joints} and self.robot.linkage is None
-        if fault.kind != "joint zero" or not is_last or mended is None or load is None:
-            return False
-        return self._estimate_with_load(motion, load, link) <= mended + self._threshold
-
-    def _estimate_with_load(self, motion: Motion, load: FloatArray, link: int) -> float:
-        """Return what the description leaves in the mean, with the ten parameters of a load on a link."""
-        described = np.asarray(self.robot.inertias)
-        carried = []
-        for parameter in range(described.shape[1]):
-            inertias = described.copy()
-            inertias[link, parameter] += 1.0
-            carried.append(np.asarray(compute_load(replace(self.robot, inertias=inertias), motion)) - load)
-        moves, joints = find_moving_rows(motion), np.flatnonzero(find_moving_joints(motion))
-        tables = []
-        for place, joint in enumerate(joints):
-            rows = moves[:, joint]
-            own = np.stack([np.sign(motion.dq[:, joint]), motion.dq[:, joint], motion.ddq[:, joint]], axis=1)[rows]
-            own = np.hstack([own, np.ones((len(own), 1))])
-            drives = np.zeros((len(own), own.shape[1] * len(joints)))
-            drives[:, place * own.shape[1] : (place + 1) * own.shape[1]] = own
-            residual = (motion.tau[:, joint] - load[:, joint])[rows]
-            table = np.column_stack(
-                [np.stack([torque[:, joint] for torque in carried], axis=1)[rows], drives, residual]
-            )
-            # Small joints count as much as large ones.
-            tables.append(table / np.linalg.norm(motion.tau[rows, joint]))
-        stacked = np.vstack(tables)
-        sizes = np.maximum(np.linalg.norm(stacked[:, :-1], axis=0), np.finfo(float).tiny)
-        solution = np.linalg.lstsq(stacked[:, :-1] / sizes, stacked[:, -1], rcond=_RIDGE)[0] / sizes
-        squares = np.array([((table[:, -1] - table[:, :-1] @ solution) ** 2).sum() for table in tables])
-        return float(compute_log_shares(squares, np.ones(len(squares))).mean())
 
     def _is_surely_less(self, left: FloatArray, other: FloatArray) -> bool:
         """Tell whether clearly less is left than otherwise, and in most blocks."""

@@ -461,8 +461,8 @@ def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> 
         remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{fault.factor:.3g}") for joint in fault.joints})
         return f"Check {which} by {fault.factor:.3g}: {remedy}.", (remedy,)
     if fault.kind == "joint zero":
-        remedy = Remedy("zeros", _get_zeros(fault))
-        return f"State where the joint's zero is ({remedy}, in rad), or turn the joint in the description.", (remedy,)
+        remedy, other = Remedy("zeros", _get_zeros(fault)), "or, of a last joint, describe a load on this link"
+        return f"State where its zero is ({remedy}, in rad), turn the joint in the description, {other}.", (remedy,)
     if not fault.is_swap:
         side = "tau" if fault.kind == "torque turned" else "q"
         remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in fault.joints})

@@ -357,8 +357,6 @@ def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: De
         # What the fit still leaves unexplained has another cause, which may have misled the masses too.
         if unexplained.average_share > CURED or not described.surely_demands(fault):
             return None
-        if described.is_of_load(fault):
-            return None
         near = (other for left, other in known if other != fault and lowest <= left < lowest + ALIKE)
         alike = tuple(other for other in near if trials.measure(other).score < now.score + ALIKE)
         if fault.kind == "joint zero":

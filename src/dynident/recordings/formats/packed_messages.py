@@ -10,12 +10,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.recordings.recording_metadata import RecordingError
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Fielddefs
@@ -264,3 +266,25 @@ def name_message_columns(words: Sequence[Sequence[str | None]]) -> tuple[str, ..
     if begin == 3:
         before = ["sec", "nanosec"]
     return (*before, "frame", *(f"{name}{joint + 1}" for name in ("name", *arrays) for joint in range(n)))
+
+
+def check_message_kinds(words: Sequence[str]) -> None:
+    """Refuse messages of several kinds that alternate between the rows.
+
+    Parameters
+    ----------
+    words : sequence of str
+        First cells of the rows.
+
+    Raises
+    ------
+    RecordingError
+        Where a word stands again behind another one.
+    """
+    changes = sum(before != after for before, after in pairwise(words))
+    if changes >= len(kinds := dict.fromkeys(words)) > 1:
+        raise RecordingError(
+            f"The rows are messages of several kinds ({', '.join(list(kinds)[:4])}) with as many cells: keep those of "
+            "one kind, or write a first line with the names of the columns.",
+            title="Unreadable file",
+        )

@@ -116,13 +116,15 @@ class _DecompressedStream(ProducedStream):
 
 
 _READ_BYTES = 1 << 18
+_ITEM = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+|nan|NaN|inf)(?:[eE][+-]?\d+)?"
 _LIST = re.compile(
-    r'(?P<before>^|[,;\t|])[ ]*"?(?:[A-Za-z.]+\()?[\[({](?P<items>[^\[\](){}]*)[\])}](?:\s*,[^\[\]()"]*\))?\)?"?'
-    r"(?=[ ]*(?:[,;\t|]|\r?$))",
+    r'(?P<before>^|[,;\t|])[ ]*"?(?:(?:[A-Za-z.]+\()?[\[(](?P<items>[^\[\](){}]*)[\])](?:\s*,[^\[\](){}"\n]*\))?\)?'
+    rf"|\{{[ ]*(?P<numbers>{_ITEM}(?:[,; \t]+{_ITEM})*)[,; \t]*\}})"
+    r'"?(?=[ ]*(?:[,;\t|]|\r?$))',
     re.MULTILINE,
 )
 """A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `{0.1, 0.2}`, `[0.1 0.2]` over several lines,
-`array([0.1, 0.2])`."""
+`array([0.1, 0.2])`. In braces other cells have objects, or flags: there numbers alone are a list."""
 _BETWEEN = re.compile(r"[\s,;]+")
 _MARK = "\1"
 _TRIES = 64
@@ -158,7 +160,7 @@ def count_list_items(line: str, delimiter: str) -> list[int]:
 
 def _rewrite_cell(cell: re.Match[str], write: Callable[[list[str], str], str]) -> str:
     before = cell["before"]
-    items = [item.strip("'\" ") for item in _BETWEEN.split(cell["items"].strip())]
+    items = [item.strip("'\" ") for item in _BETWEEN.split((cell["numbers"] or cell["items"]).strip())]
     if items and not items[-1]:
         items.pop()  # the comma of a tuple of one
     return before + write(items, before or ",")
@@ -367,15 +369,21 @@ def keep_numbers(text: str) -> str:
     return "\n".join([*lines, ""])
 
 
-_PLOTTED = re.compile(
-    r"(?m)^>?([A-Za-z_][\w. /-]*):(\d+(?:\.\d+)?):([+-]?[\d.]+(?:[eE][+-]?\d+)?)(?:§[^|\n]*)?(?:\|\w*)?\r?$"
-)
-"""A line of a plotter of values, `>q1:1700000000123:0.12`: a name, a time and a value."""
+_SAMPLE = r"\d+(?:\.\d+)?:[+-]?[\d.]+(?:[eE][+-]?\d+)?"
+_PLOTTED = re.compile(rf"(?m)^>?([A-Za-z_][\w. /-]*):({_SAMPLE}(?:;{_SAMPLE})*);?(?:§[^|\n]*)?(?:\|\w*)?\r?$")
+"""A line of a plotter of values, `>q1:1700000000123:0.12;1700000000133:0.13`: a name, times and values."""
 
 
 def separate_plotted(text: str) -> str:
-    """Return lines that a plotter takes as rows of time, name and value; others are empty."""
-    return "".join(f"{row[2]},{row[1]},{row[3]}\n" for row in _PLOTTED.finditer(text))
+    """Return lines that a plotter takes as rows of time, name and value; behind them the others as single cells."""
+    rows, others = [], []
+    for line in text.splitlines():
+        if plotted := _PLOTTED.match(line):
+            rows += [f"{time},{plotted[1]},{value}\n" for time, value in re.findall("([^;:]+):([^;]+)", plotted[2])]
+        elif line.strip():
+            # A reader counts and reports rows with another number of cells.
+            others.append(re.sub('[,"]', " ", line) + "\n")
+    return "".join([*rows, *others])
 
 
 LineForm = tuple[tuple[str, ...], Callable[[str], str], str]
