@@ -330,7 +330,7 @@ def test_a_finding_that_gets_another_name_keeps_what_explains_as_much():
     run = experiment(CASES["offset"].hidden, PLAIN)
     model, plain = run.identification.model, run.identification
     inputs = RegressorInputs([run.training], plain.preprocessing, plain.estimate.next_reference())
-    names = ("joint_spring", "offset", "coulomb_asymmetric")
+    names = ("viscous_asymmetric", "offset", "coulomb_asymmetric")
     pool = build_pool_of_choices(model, [EffectChoice(name, (NAMES[1],)) for name in names])
     state = gather_state(model, pool, inputs, plain.noise)
     (wrong, *_) = score_all(state, [pool.candidates[0]])
@@ -338,7 +338,7 @@ def test_a_finding_that_gets_another_name_keeps_what_explains_as_much():
     (found,) = forward_selection.revisit_findings(state).findings
     both = (found.judged.candidate.effect, *(scored.candidate.effect for scored in found.equal))
     assert sorted(both) == ["coulomb_asymmetric", "offset"]
-    assert [scored.candidate.effect for scored in found.former] == ["joint_spring"]
+    assert [scored.candidate.effect for scored in found.former] == ["viscous_asymmetric"]
 
 
 def test_a_search_is_not_repeated_beside_what_has_no_constants(monkeypatch):

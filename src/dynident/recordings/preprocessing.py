@@ -32,7 +32,7 @@ NOISE_SHARE = 0.05
 LEAST_HARMONICS = 4.0
 """However large the noise, so many harmonics of the motion are kept."""
 
-WIDER, WIDER_NOISE_SHARE = 2.0, 0.01
+WIDER, WIDER_NOISE_SHARE = 1.4, 0.01
 """The position cut-off over the torque's, where noise is so small a share of the acceleration even there. What the
 filter of the positions takes away below the torque's cut-off lacks in W, while the torque has it: half of it at the
 cut-off itself, 6 % where theirs lies half an octave higher, 0.4 % an octave higher. Of machines whose joints break

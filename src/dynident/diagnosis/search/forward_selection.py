@@ -114,6 +114,47 @@ def _list_single_curves(beside: State, several: Sequence[Finding]) -> list[Candi
     return candidates
 
 
+def rename_waves(rows: ProductSource, state: State) -> State:
+    """Give functions of a joint's position the names that they have beside all that was found on that joint.
+
+    Parameters
+    ----------
+    rows : ProductSource
+        Gives products of further columns.
+    state : State
+        The model so far and what was found.
+    """
+    for number, finding in enumerate(state.findings):
+        joints = set(finding.judged.candidate.joints)
+        later = [other for other in state.findings[number + 1 :] if joints & set(other.judged.candidate.joints)]
+        # Another function of the position says what its constants are off by, until they are refined.
+        if _may_be_a_wave(finding) and not all(is_of_position(other) for other in later):
+            state = _rename_wave(rows, state, number)
+    return state
+
+
+def _rename_wave(rows: ProductSource, state: State, number: int) -> State:
+    finding = state.findings[number]
+    mine, without_it = finding.judged.candidate, state.drop_findings([finding])
+    free = [*_list_rivals(state, finding, without_it), mine]
+    # That something is there was tested among all that could be.
+    judged = [replace(scored, p=finding.p) for scored in score_all(without_it, free)]
+    choice = select_candidate(without_it, judged)
+    if choice is None:
+        return state
+    chosen, equal = compare_names(rows, without_it, choice, judged)
+    new = Finding(chosen, equal, finding.p)
+    findings = (*state.findings[:number], new, *state.findings[number + 1 :])
+    return replace(without_it, base=without_it.base + new.columns, findings=findings)
+
+
+def _may_be_a_wave(finding: Finding) -> bool:
+    """Return whether a finding is, or might be called, a wave over the joint's angle."""
+    names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
+    known = {other for name in names for other in (name, *get_effect(name).confused_with, *get_effect(name).covers)}
+    return any(get_effect(name).proposal == "angle_spectrum" for name in known)
+
+
 def revisit_findings(state: State) -> State:
     """Give findings on single joints the names that they have beside all others.
 
@@ -140,7 +181,18 @@ def revisit_findings(state: State) -> State:
 def _score_rivals(state: State, finding: Finding) -> list[ScoredCandidate]:
     """Score a finding, and behind it other names on its joint, beside all other findings."""
     mine, without_it = finding.judged.candidate, state.drop_findings([finding])
-    free = [
+    # That something is there was tested among all that could be.
+    rivals = _list_rivals(state, finding, without_it)
+    if is_of_position(finding):
+        # Which function of the position it is depends on the constants: `rename_waves` asks that, with finer ones.
+        rivals = [candidate for candidate in rivals if not get_effect(candidate.effect).of_position]
+    return [replace(scored, p=finding.p) for scored in score_on_common_rows(without_it, mine, rivals)]
+
+
+def _list_rivals(state: State, finding: Finding, without_it: State) -> list[Candidate]:
+    """List other candidates on the joints of a finding, in the same runs: only its name is in question."""
+    mine = finding.judged.candidate
+    return [
         candidate
         for candidate in state.pool.candidates
         if (candidate.joints, candidate.runs) == (mine.joints, mine.runs)
@@ -148,8 +200,6 @@ def _score_rivals(state: State, finding: Finding) -> list[ScoredCandidate]:
         and candidate != mine
         and not set(candidate.columns) & set(without_it.base)
     ]
-    # That something is there was tested among all that could be.
-    return [replace(scored, p=finding.p) for scored in score_on_common_rows(without_it, mine, free)]
 
 
 def _find_better_name(
@@ -291,7 +341,7 @@ def search_findings(
 
 
 def settle_findings(record: SearchRecord) -> None:
-    """Settle what a search added, on the grid: merge findings, drop superfluous ones, split groups.
+    """Settle what a search added, on the grid: rename waves, merge findings, drop superfluous ones, split groups.
 
     Several findings over the position of a joint become one that explains as much. Joints of a group whose constants
     the data tell apart become findings with their own constants.
@@ -302,7 +352,7 @@ def settle_findings(record: SearchRecord) -> None:
         What the search added; its state becomes that of the findings that stay.
     """
     # The order matters: a finding may be superfluous beside what others were merged into, and only what lasts is split.
-    state = merge_findings_on_joint(record.rows, record.state)
+    state = merge_findings_on_joint(record.rows, rename_waves(record.rows, record.state))
     pruned = prune_findings(state)
     lasting = {finding.judged.candidate for finding in pruned.findings}
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting
