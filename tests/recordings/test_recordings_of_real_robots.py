@@ -173,4 +173,4 @@ def test_the_filter_that_is_chosen_suits_the_robot(name, low, high, tmp_path):
     recording, _ = imported(DATA / f"{name}.parquet", tmp_path / "stored")
     chosen = choose_preprocessing([recording])
     assert low <= chosen.torque_cutoff <= high
-    assert chosen.torque_cutoff <= chosen.position_cutoff <= 2.1 * chosen.torque_cutoff
+    assert chosen.torque_cutoff <= chosen.position_cutoff <= 1.5 * chosen.torque_cutoff

@@ -35,9 +35,10 @@ LEAST_HARMONICS = 4.0
 WIDER, WIDER_NOISE_SHARE = 1.4, 0.01
 """The position cut-off over the torque's, where noise is so small a share of the acceleration even there. What the
 filter of the positions takes away below the torque's cut-off lacks in W, while the torque has it: half of it at the
-cut-off itself, 6 % where theirs lies half an octave higher, 0.4 % an octave higher. Of machines whose joints break
-loose that is most of the error, and inertias come out too large: of a virtual SCARA by 0.6 % at half an octave, three
-times their standard deviation (benchmarks/campaigns.py)."""
+cut-off itself, or 6 % where theirs lies half an octave higher. Of machines whose joints break loose that is most of
+the error. Inertias still come out too large: of a virtual SCARA with little noise by 0.6 %, three times their standard
+deviation. An octave would mend that, but lets more noise in: a passive joint of a machine that sticks keeps 36 % more
+than its noise, and the recorded UR10 is predicted worse."""
 
 NYQUIST_SHARE = 0.7
 """A cut-off nearer to the Nyquist frequency filters nothing."""
@@ -79,7 +80,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     The torque cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
     (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
-    explained by filtered positions. Theirs lies an octave higher, as far as that share stays below 1 % there. Rows
+    explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
     are decimated to no less than 4 times the torque cut-off. For a base that moves at 5 % of the joints' speed or more
     the same is chosen from its own coordinates. The lower cut-offs count, but none below the joints' motion.
 
