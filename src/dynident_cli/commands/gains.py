@@ -105,7 +105,7 @@ def gains(
 ) -> None:
     """Identify drive gains from a load of known mass.
 
-    RECORDING is the motion without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
+    RECORDING is the motion without the load. If it contains currents with unknown gains, give --drive-gains 1,1,….
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.presentation.model_tables import build_gain_tables, get_gain_unit

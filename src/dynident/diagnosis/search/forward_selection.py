@@ -2,7 +2,7 @@
 
 Holds which two findings become one effect on several joints.
 
-Later findings lead back to earlier ones: waves get another name, and two findings become one effect.
+Later findings lead back to earlier ones: these get another name, or two findings become one effect.
 """
 
 from __future__ import annotations
