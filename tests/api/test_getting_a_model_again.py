@@ -193,5 +193,5 @@ def test_locked_joints_and_windows_of_names_with_spaces_are_among_what_the_repor
     (line,) = (unescape(one) for one in re.findall(r"<li><code>(dynident .+?)</code></li>", dy.report(model).html))
     words = shlex.split(line)
     assert f"{last}=0.25" in words
-    assert "first run=0.5:6,first run=7:9.5" in words
+    assert "first run=0.5:6.0,first run=7.0:9.5" in words
     assert_made_again(model, {"first run": "first run.csv"}, desk, tmp_path)

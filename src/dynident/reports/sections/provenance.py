@@ -28,7 +28,8 @@ from dynident.version import __version__
 
 ROBOT = "ROBOT"
 """Stands for the robot's description in the commands."""
-_DIGITS = ".9g"
+# The shortest text that reads back as the same number: nine digits moved small inertias by 7e-5.
+_EXACT = ""
 
 
 StatedMetadata = Mapping[str, RecordingMetadata]
@@ -103,10 +104,10 @@ def build_commands(
         # An extension or a removal starts from the model of the step before, so that its file has to be named.
         step = ladder_model.step
         if step.added:
-            texts = ",".join(format_effect(choice, _DIGITS) for choice in step.added)
+            texts = ",".join(format_effect(choice, _EXACT) for choice in step.added)
             words = ["extend", before, *files, "--effects", texts, *out]
         elif step.removed:
-            texts = ",".join(format_effect(choice, _DIGITS) for choice in step.removed)
+            texts = ",".join(format_effect(choice, _EXACT) for choice in step.removed)
             words = ["remove", before, "--effects", texts, *out]
         else:
             options = [
@@ -123,11 +124,11 @@ def build_commands(
 def _list_robot_options(robot: Robot) -> Iterator[str]:
     """Yield the options for what a robot's description may lack: gravity, locked joints, drive gains."""
     if tuple(robot.gravity) != GRAVITY:
-        yield from ("--gravity", ",".join(format(value, _DIGITS) for value in robot.gravity))
+        yield from ("--gravity", ",".join(format(value, _EXACT) for value in robot.gravity))
     if robot.locked_joints:
-        yield from ("--lock", ",".join(f"{name}={at:{_DIGITS}}" for name, at in robot.locked_joints.items()))
+        yield from ("--lock", ",".join(f"{name}={at:{_EXACT}}" for name, at in robot.locked_joints.items()))
     gains = {name: drive.gain for name, drive in zip(robot.joint_names, robot.drives, strict=True)}
-    gain_texts = [f"{name}={gain:{_DIGITS}}" for name, gain in gains.items() if gain is not None]
+    gain_texts = [f"{name}={gain:{_EXACT}}" for name, gain in gains.items() if gain is not None]
     if gain_texts:
         yield from ("--drive-gains", ",".join(gain_texts))
 
@@ -135,7 +136,7 @@ def _list_robot_options(robot: Robot) -> Iterator[str]:
 def _list_window_options(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[str]:
     intervals = [(name, *window) for name in names for window in windows.get(name, ())]
     if intervals:
-        texts = (f"{name}={start:{_DIGITS}}:{end:{_DIGITS}}" for name, start, end in intervals)
+        texts = (f"{name}={start:{_EXACT}}:{end:{_EXACT}}" for name, start, end in intervals)
         yield from ("--windows", ",".join(texts))
 
 
@@ -154,7 +155,7 @@ def _comment_on_segments(choices: Sequence[EffectChoice]) -> str:
 
 def _list_choice_options(choices: IdentificationChoices) -> Iterator[str]:
     """Yield the options for all choices that differ from their defaults."""
-    yield from ("--effects", ",".join(format_effect(choice, _DIGITS) for choice in choices.effects))
+    yield from ("--effects", ",".join(format_effect(choice, _EXACT) for choice in choices.effects))
     for choice_field in fields(choices):
         description, value = get_description(choice_field), getattr(choices, choice_field.name)
         # Choices without an option ("-") cannot be made on the command line; the defaults need none.
@@ -173,13 +174,13 @@ def _format_value(value: object) -> str:
         return f"{value.name}:{','.join(f'{name}={option}' for name, option in options)}" if options else value.name
     if isinstance(value, Sequence) and not isinstance(value, str):
         return ",".join(map(str, value))
-    return format(value, _DIGITS) if isinstance(value, float) else str(value)
+    return format(value, _EXACT) if isinstance(value, float) else str(value)
 
 
 def _list_filter_options(preprocessing: Preprocessing) -> Iterator[str]:
     names = ("position_cutoff", "torque_cutoff", "decimation", "filter_order")
     values = [(name, getattr(preprocessing, name)) for name in names]
-    texts = [f"{name}={'none' if value is None else format(value, _DIGITS)}" for name, value in values]
+    texts = [f"{name}={'none' if value is None else format(value, _EXACT)}" for name, value in values]
     yield from ("--preprocessing", ",".join(texts))
 
 
