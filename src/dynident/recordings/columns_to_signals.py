@@ -476,6 +476,15 @@ class _ColumnFinder:
         our_names |= self.joints.further_columns
         for ours, theirs in self.metadata.columns.items():
             if ours not in our_names:
+                if ours in self.names and theirs in our_names:
+                    right = Remedy("columns", {theirs: ours})
+                    raise RecordingError(
+                        f"columns maps {ours!r} to {theirs!r}, the wrong way round; the standard name comes first: "
+                        f"{right}.",
+                        pointer=f"/columns/{ours}",
+                        title="Unknown column",
+                        remedies=(right,),
+                    )
                 raise RecordingError(
                     f"columns maps {ours!r}, which is not a standard column; standard columns are t, segment, and q, "
                     "q_command, dq, ddq, tau, current, temperature with a joint's number (q1) or name "

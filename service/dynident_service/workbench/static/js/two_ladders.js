@@ -52,7 +52,7 @@ function shown(found) {
   const kind = heldOut ? "validation" : "residual";
   const totals = (rungs) => rungs.filter((one) => one[kind]).map((one) => judged(one[kind]).relative_total);
   return [
-    found.same_data ? null : h("p", { class: "box warning" }, "Not all of these models use the same measurements, so their errors are not comparable."),
+    found.same_data ? null : h("p", { class: "box warning" }, "Not all of these models use the same recordings, so their errors are not comparable."),
     both(totals(own), totals(other), heldOut),
     differences(found),
   ];
