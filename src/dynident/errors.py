@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Literal, Union, get_args, get_origin
+from typing import Union, get_args, get_origin
 
 _LONGEST = 60
 
@@ -156,7 +156,7 @@ def check_type(value: object, hint: object, name: str, pointer: str) -> None:
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         others = [part for part in parts if part is not NoneType]
-        if value is None and len(others) < len(parts) or any(_is_admitted(value, part) for part in others):
+        if (value is None and len(others) < len(parts)) or any(_is_admitted(value, part) for part in others):
             return
         if len(others) == 1:
             # The message then names the place within the value.

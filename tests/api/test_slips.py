@@ -107,7 +107,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "one day by its name": (lambda d: dy.series(d["model"], "today"), "recordings by day"),
     "a number for a path": (lambda d: d["model"].save(3), "path is 3; give the path of a file"),
     "a foreign ending": (lambda d: d["model"].export("arm.stl"), "must end in"),
-    "a dictionary for a box": (lambda d: dy.Surroundings(boxes=[{"size": 1}]), r"boxes\[0\] is .*; give a Box, Box\(name"),
+    "a dictionary for a box": (lambda d: dy.Surroundings(boxes=[{"size": 1}]), r"\[0\] is .*give a Box, Box\(name"),
     "one box for many": (lambda d: dy.Surroundings(boxes=dy.Box("table", (1, 0, 0), (1, 1, 1))), "boxes is .*a list"),
     "a text for a number": (lambda d: dy.DesignRequest(time_budget="5"), "time_budget is '5'; give a number"),
     "a number for a name": (lambda d: dy.IdentificationChoices(prior=3), "prior is 3; give a text"),

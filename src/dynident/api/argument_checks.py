@@ -166,7 +166,7 @@ def _check_for_fields(owner: str, given: Iterable[str], known: Container[str]) -
         for argument, kind in requests:
             if name not in known and argument in known and name in kind.__dataclass_fields__:
                 raise DynidentError(
-                    f"{owner} takes {name} as a field of {argument}: {owner}(…, {argument}=dy.{kind.__name__}({name}=…))",
+                    f"{owner} takes {name} as a field of {argument}: {argument}=dy.{kind.__name__}({name}=…)",
                     pointer=name,
                     title="Unknown argument",
                 )

@@ -363,7 +363,7 @@ class Request:
 
     def __post_init__(self) -> None:
         # A base class is no dataclass itself, only what derives from it is.
-        for name, hint in _find_types(type(self)).items():
+        for name, hint in _find_types(type(self)).items():  # type: ignore[arg-type]
             check_type(getattr(self, name), hint, name, f"/{name}")
         for request_field in fields(self):  # type: ignore[arg-type]
             # Fields that were declared without a description have no range to check.
