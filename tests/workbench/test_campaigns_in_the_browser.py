@@ -23,6 +23,7 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     page.get_by_text("More options").click()
     page.fill("#campaign-time_budget", "2")
     page.fill("#campaign-name", "five per cent")
+    page.fill("#campaign-surroundings-floor", "-2")
     page.click("#begin-campaign")
     state = page.locator("#campaign-state")
     expect(state).to_have_attribute("data-state", "asking")
@@ -47,6 +48,7 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     page.set_viewport_size({"width": 1280, "height": 800})
     (campaign,) = ask(page, f"/campaigns?robot_id={robot}")["items"]
     assert campaign["achieved"] <= 0.05
+    assert campaign["request"]["surroundings"]["floor"] == -2
     page.get_by_role("link", name="All campaigns").click()
     expect(page.locator("#campaigns-table")).to_contain_text("goal reached")
     expect(page.locator("#campaigns-table")).to_contain_text(re.compile(r"[1-9]\s%5\.00\s%"))
