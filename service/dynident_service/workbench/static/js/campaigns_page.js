@@ -81,8 +81,8 @@ async function campaignForm(robots, chosen) {
     h("h2", {}, "A new campaign"),
     h("div", { class: "fields" }, field("Robot", robot), field("Go on until", kind)),
     wanted,
-    around.element,
     h("div", { class: "fields" }, open.map((one) => one.element), field("Name", name, { pointer: "/name" })),
+    around.element,
     h("details", { class: "more" }, h("summary", {}, "More options"), h("div", { class: "fields" }, folded.map((one) => one.element))),
     said, h("p", {}, submit));
 }
