@@ -13,7 +13,7 @@ import { shownTable } from "./tables.js";
 /** Folded away until somebody asks for it. */
 export function twoLadders(model, signal) {
   const body = h("div", { id: "two-ladders" });
-  const details = h("details", { id: "compare-ladders", ontoggle: () => open() }, h("summary", {}, "Compare with another ladder"), body);
+  const details = h("details", { id: "compare-ladders", ontoggle: () => open() }, h("summary", {}, "Compare with other models"), body);
   let filled = false;
   const open = () => {
     if (filled || !details.open) return;
