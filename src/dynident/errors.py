@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 _LONGEST = 60
 
@@ -193,7 +193,7 @@ def _is_instance(value: object, hint: object) -> bool:
     if hint in (float, int):
         return isinstance(value, Real if hint is float else Integral) and not isinstance(value, bool)
     # Names of a Literal are checked where their choices are known.
-    return not isinstance(hint, type) or isinstance(value, hint)
+    return hint is Any or not isinstance(hint, type) or isinstance(value, hint)
 
 
 _NOUNS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}

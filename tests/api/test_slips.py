@@ -127,7 +127,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     ),
     "columns the wrong way round": (
         lambda d: dy.read_recordings({"t": Q, "angle": Q}, robot=d["robot"], columns={"angle": "q1"}),
-        r'the wrong way round; .*columns=\{"q1": "angle"\}',
+        r'the standard name comes first: columns=\{"q1": "angle"\}',
     ),
     "a flag for progress": (lambda d: dy.identify(d["robot"], d["runs"], progress=True), "progress is True; give"),
 }  # fmt: skip
