@@ -21,6 +21,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from dynident.errors import suggest_names
 from dynident.former_modules import FormerModuleFinder
 from dynident.lazy_loader import find_export_modules
 from dynident.optional_dependencies import MissingPackageFinder, find_missing_package, format_install_hint
@@ -48,12 +49,13 @@ if TYPE_CHECKING:
     from dynident.errors import DynidentError
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
     from dynident.identification import IdentificationChoices
-    from dynident.motion import Surroundings
+    from dynident.motion import Box, Surroundings, Wall
     from dynident.recordings import Filters, RecordingError, RecordingMetadata, Revision
     from dynident.robot import Drive, Limits, Robot
     from dynident.robot.description_and_json import set_base
 
 __all__ = [
+    "Box",
     "Campaign",
     "CampaignRequest",
     "Changes",
@@ -89,6 +91,7 @@ __all__ = [
     "TrajectoryRequest",
     "Validation",
     "Validations",
+    "Wall",
     "__version__",
     "changes",
     "compare",
@@ -127,7 +130,8 @@ if not TYPE_CHECKING:
         # Numerical packages take a second or two to load, so they are imported at the first use of a name.
         home = _HOME_OF.get(name)
         if home is None:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            known = suggest_names(name, __all__)
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{known}")
         try:
             # Stored in the module's namespace, so that Python calls this function once a name.
             value = globals()[name] = getattr(import_module(home), name)

@@ -1,9 +1,14 @@
-"""`DynidentError`: errors that a user can remove, with place and remedies; names that are misspelt; `Cancelled`."""
+"""`DynidentError`: errors that a user can remove, with place and remedies; misspelt names, wrong types; `Cancelled`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
+
+_LONGEST = 60
 
 
 @dataclass(frozen=True)
@@ -68,7 +73,10 @@ def suggest_names(name: str, known: Iterable[str]) -> str:
     """
     from difflib import get_close_matches
 
-    near = get_close_matches(name, list(known), n=3, cutoff=0.7)
+    names = list(known)
+    near = get_close_matches(name, names, n=3, cutoff=0.7)
+    # Somebody who types `load` or `cutoff` knows a part of the name.
+    near = near or [item for item in names if len(name) > 2 and name in item.split("_")][:3]
     return f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
 
 
@@ -124,6 +132,114 @@ def check_names(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
     nearest = suggest_names(unknown, names) or "."
     detail = f"{owner} takes no argument {unknown!r}{nearest} Its arguments are: {', '.join(names)}"
     raise DynidentError(detail, pointer=unknown, title="Unknown argument")
+
+
+def check_type(value: object, hint: object, name: str, pointer: str) -> None:
+    """Check a value against the type hint of its field, inside of lists and dictionaries, too.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+    hint : object
+        A type, or what `typing` makes of types. What is not known of it admits everything.
+    name : str
+        Name of the field, for the message.
+    pointer : str
+        The place, for programs.
+
+    Raises
+    ------
+    DynidentError
+        Where the value is of another type: says what to give.
+    """
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        others = [part for part in parts if part is not NoneType]
+        if (value is None and len(others) < len(parts)) or any(_is_admitted(value, part) for part in others):
+            return
+        if len(others) == 1:
+            # The message then names the place within the value.
+            check_type(value, others[0], name, pointer)
+    elif origin is tuple and _is_sequence(value):
+        items = list(value)  # type: ignore[call-overload]
+        hints = [parts[0]] * len(items) if parts[-1] is ... else parts
+        if len(items) == len(hints):
+            for index, (item, part) in enumerate(zip(items, hints, strict=True)):
+                check_type(item, part, f"{name}[{index}]", f"{pointer}/{index}")
+            return
+    elif origin is Mapping and isinstance(value, Mapping):
+        for key, item in value.items():
+            check_type(item, parts[1], f"{name}[{key!r}]", f"{pointer}/{key}")
+        return
+    elif origin not in (tuple, Mapping) and _is_instance(value, hint):
+        return
+    raise DynidentError(f"{name} is {describe_value(value)}; give {_describe_hint(hint)}", pointer=pointer)
+
+
+def _is_admitted(value: object, hint: object) -> bool:
+    try:
+        check_type(value, hint, "", "")
+    except DynidentError:
+        return False
+    return True
+
+
+def _is_sequence(value: object) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, (str, Mapping))
+
+
+def _is_instance(value: object, hint: object) -> bool:
+    if hint in (float, int):
+        return isinstance(value, Real if hint is float else Integral) and not isinstance(value, bool)
+    # Names of a Literal are checked where their choices are known.
+    return hint is Any or not isinstance(hint, type) or isinstance(value, hint)
+
+
+_NOUNS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
+
+
+def _describe_hint(hint: object) -> str:
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return " or ".join(_describe_hint(part) for part in parts if part is not NoneType)
+    if origin is tuple:
+        count = "a list, each item" if parts[-1] is ... else f"{len(parts)} values, each"
+        return f"{count} {_describe_hint(parts[0])}"
+    if origin is not None:
+        return f"a dictionary, each value {_describe_hint(parts[-1])}"
+    if isinstance(hint, type) and hint not in _NOUNS:
+        names = ", ".join(getattr(hint, "__dataclass_fields__", ()))
+        return _add_article(hint.__name__) + (f", {hint.__name__}({names})" if names else "")
+    return _NOUNS.get(hint, str(hint))  # type: ignore[call-overload, no-any-return]
+
+
+def describe_value(value: object) -> str:
+    """Return what an argument is in a few words, for messages: "a list of 3 items", "'arm.urdf'".
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+
+    Returns
+    -------
+    str
+        Part of a sentence, at most some 60 characters.
+    """
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple) and shape:
+        return f"{_add_article(type(value).__name__)} of shape {shape}"
+    text = repr(value)
+    if len(text) <= _LONGEST and "\n" not in text:
+        return text
+    if isinstance(value, (list, tuple, set, dict)):
+        return f"{_add_article(type(value).__name__)} of {len(value)} item{'' if len(value) == 1 else 's'}"
+    return _add_article(type(value).__name__)
+
+
+def _add_article(noun: str) -> str:
+    return f"{'an' if noun[0].lower() in 'aeiou' else 'a'} {noun}"
 
 
 class Cancelled(Exception):

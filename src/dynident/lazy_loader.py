@@ -13,11 +13,11 @@ from importlib import import_module
 from importlib.abc import InspectLoader
 
 
-def make_lazy_getattr(package: str) -> Callable[[str], object]:
-    """Return a module-level `__getattr__` for a package, which imports each exported name at its first use.
+def make_lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Return `__getattr__` and `__dir__` for a package, which import each exported name at its first use and list them.
 
-    The imports stand below `if TYPE_CHECKING` in the package's `__init__`, once for type checkers and for this
-    function. No module of the package may have the name of an export: importing the module would hide the export.
+    The imports stand below `if TYPE_CHECKING` in the package's `__init__`, once for type checkers and for these
+    functions. No module of the package may have the name of an export: importing the module would hide the export.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def make_lazy_getattr(package: str) -> Callable[[str], object]:
 
     Returns
     -------
-    function
+    tuple of two functions
     """
 
     def get(name: str) -> object:
@@ -38,7 +38,11 @@ def make_lazy_getattr(package: str) -> Callable[[str], object]:
         setattr(sys.modules[package], name, value)
         return value
 
-    return get
+    def list_names() -> list[str]:
+        names: list[str] = sys.modules[package].__all__
+        return sorted(names)
+
+    return get, list_names
 
 
 @cache

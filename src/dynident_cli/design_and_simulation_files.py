@@ -19,7 +19,7 @@ from dynident.presentation.design_tables import build_design_tables, describe_de
 from dynident.progress import Progress
 from dynident.robot import Robot
 from dynident.robot.collision_reader import find_mesh_folders
-from dynident.simulation import ActingEffect, Reference
+from dynident.simulation import ActingEffect, Reference, TrueEffect
 from dynident.simulation.reference_motion import read_reference
 from dynident_cli.command_output import print_tables
 from dynident_cli.contract_documents import load_diagnosis
@@ -84,6 +84,14 @@ def parse_acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
             )
         )
     return tuple(acting)
+
+
+def format_true_effect(effect: TrueEffect) -> str:
+    """Write an effect of a virtual robot as `--effects` takes it, with all its values."""
+    values = [f"{name}={value:.4g}" for name, value in (*effect.values, *effect.shape)]
+    runs = [f"run={run}" for run in effect.runs]
+    place = f"@{effect.joint}" if effect.joint else ""
+    return f"{effect.effect}{place}:{','.join([*values, *runs])}"
 
 
 def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:

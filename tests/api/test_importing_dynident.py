@@ -6,6 +6,7 @@ import ast
 import inspect
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -45,9 +46,19 @@ def test_the_types_that_editors_see_are_the_names_that_there_are() -> None:
     assert seen == dynident._HOME_OF
 
 
-def test_what_is_not_there_is_told_as_by_any_module() -> None:
-    with pytest.raises(AttributeError, match="'dynident' has no attribute 'indentify'"):
-        dynident.indentify  # type: ignore[attr-defined]  # noqa: B018
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("indentify", "did you mean 'identify'"), ("load", "did you mean 'load_model' or 'load_robot'")],
+)
+def test_an_error_about_a_name_that_is_not_there_names_the_nearest(name: str, nearest: str) -> None:
+    with pytest.raises(AttributeError, match=f"'dynident' has no attribute '{name}'; {nearest}"):
+        getattr(dynident, name)
+
+
+@pytest.mark.parametrize("package", ["effects", "motion", "excitation", "identification"])
+def test_a_package_lists_what_it_exports(package: str) -> None:
+    module = import_module(f"dynident.{package}")
+    assert dir(module) == sorted(module.__all__)
 
 
 def test_the_light_installation_says_what_is_missing() -> None:

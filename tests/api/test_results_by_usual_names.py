@@ -43,8 +43,35 @@ def test_the_covariance_goes_by_two_names_and_agrees_with_the_deviations(model: 
     assert covariance["Fc1", "Fv1"] == covariance["Fv1", "Fc1"] != 0
     assert np.sqrt(covariance["Fc1", "Fc1"]) == pytest.approx(model.bse["Fc1"])
     assert np.asarray(covariance).shape == (len(model.params), len(model.params))
-    with pytest.raises(KeyError, match="there is no 'Fc9'; there are: ZZ1"):
+    with pytest.raises(KeyError, match=r"there is no parameter 'Fc9'\. There are: ZZ1"):
         covariance["Fc9", "Fc1"]
+
+
+def test_a_parameter_that_is_only_in_sums_is_said_to_be_in_them(model: dy.Model) -> None:
+    names = {one.name for one in model.parameters}
+    whole, hidden = next(
+        (one.name, word)
+        for one in model.parameters
+        for word in one.grouping.split()
+        if word.isalnum() and word[0].isalpha() and word not in names
+    )
+    for table in (model.params, model.bse, model.parameters, model.covariance):
+        with pytest.raises(KeyError, match=f"'{hidden}' cannot be identified by itself; .*{whole}"):
+            table[hidden]
+
+
+@pytest.mark.parametrize(
+    ("name", "right"),
+    [
+        ("rnea", r"use predict\(q, dq, ddq\)"),
+        ("crba", r"use mass_matrix\(q\)"),
+        ("get_prediction", r"use predict\(.*interval=0\.95\)"),
+        ("compare_f_test", "use ladder"),
+    ],
+)
+def test_names_of_other_packages_lead_to_ours(name: str, right: str, model: dy.Model) -> None:
+    with pytest.raises(AttributeError, match=right):
+        getattr(model, name)
 
 
 def test_correlations_and_t_values_are_those_of_the_covariance(model: dy.Model) -> None:

@@ -51,7 +51,7 @@ class WithNumPy(Taken):
 Desk = dict[str, Any]
 SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a tuple for windows": (lambda d: d["read"](windows=(1, 5)), r"windows is \(1, 5\); give pairs"),
-    "a window of metadata": (lambda d: dy.RecordingMetadata(windows=(1, 5)), "give pairs"),
+    "a window of metadata": (lambda d: dy.RecordingMetadata(windows=(1, 5)), r"windows\[0\] is 1; give 2 values"),
     "a window backwards": (lambda d: d["read"](windows=[(5, 1)]), "end must be later"),
     "a list for a model": (lambda d: dy.diagnose([d["model"]]), "model is .*; give one model"),
     "two models at once": (lambda d: dy.compare([d["model"]] * 2, d["runs"]), "give one model"),
@@ -105,8 +105,30 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a model for a diagnosis": (lambda d: dy.report(d["model"], diagnosis=d["model"]), r"dy\.diagnose"),
     "a text for validations": (lambda d: d["model"].verdict("direct"), r"dy\.validate"),
     "one day by its name": (lambda d: dy.series(d["model"], "today"), "recordings by day"),
-    "a number for a path": (lambda d: d["model"].save(3), "not a path"),
+    "a number for a path": (lambda d: d["model"].save(3), "path is 3; give the path of a file"),
     "a foreign ending": (lambda d: d["model"].export("arm.stl"), "must end in"),
+    "a dictionary for a box": (lambda d: dy.Surroundings(boxes=[{"size": 1}]), r"\[0\] is .*give a Box, Box\(name"),
+    "one box for many": (lambda d: dy.Surroundings(boxes=dy.Box("table", (1, 0, 0), (1, 1, 1))), "boxes is .*a list"),
+    "a text for a number": (lambda d: dy.DesignRequest(time_budget="5"), "time_budget is '5'; give a number"),
+    "a number for a name": (lambda d: dy.IdentificationChoices(prior=3), "prior is 3; give a text"),
+    "a number for limits": (lambda d: dy.DesignRequest(limits={"elbow": 3}), r"limits\['elbow'\] is 3; give a Limits"),
+    "edges in the plane": (lambda d: dy.Box("table", (1, 0, 0), (1, 1)), r"size is \(1, 1\); give 3 values"),
+    "an option of choices": (
+        lambda d: dy.identify(d["robot"], d["runs"], prior="description"),  # type: ignore[call-arg]
+        r"choices=dy\.IdentificationChoices\(prior=…\)",
+    ),
+    "an option of a request": (
+        lambda d: dy.design(d["robot"], surroundings=dy.Surroundings()),  # type: ignore[call-arg]
+        r"request=dy\.DesignRequest\(surroundings=…\)",
+    ),
+    "an argument of statsmodels": (
+        lambda d: d["model"].predict(Q, Q, Q, alpha=0.05),
+        "predict takes no argument 'alpha'.*interval",
+    ),
+    "columns the wrong way round": (
+        lambda d: dy.read_recordings({"t": Q, "angle": Q}, robot=d["robot"], columns={"angle": "q1"}),
+        r'the standard name comes first: columns=\{"q1": "angle"\}',
+    ),
     "a flag for progress": (lambda d: dy.identify(d["robot"], d["runs"], progress=True), "progress is True; give"),
 }  # fmt: skip
 

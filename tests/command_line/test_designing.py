@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -125,3 +126,12 @@ def test_an_identified_model_predicts_the_torque_for_the_limits(tmp_path: Path) 
     refused = dynident("design", "ur10", *QUICK, "--identified", model, "-o", tmp_path / "t.csv")
     assert refused.code == 2
     assert "the model is of a robot with the joints" in refused.err
+
+
+def test_the_values_of_a_simulated_effect_are_told_as_the_option_takes_them(tmp_path: Path) -> None:
+    stated = ("--rate", 100, "--out", tmp_path / "run.csv")
+    told = dynident("simulate", "scara", "--effects", "stribeck@elbow", *stated)
+    assert told.code == 0, told.err
+    (line,) = re.findall(r"in it: (stribeck@elbow:\S+)", told.out)
+    again = dynident("simulate", "scara", "--effects", line, *stated)
+    assert line in again.out

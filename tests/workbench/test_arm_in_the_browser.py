@@ -39,7 +39,7 @@ def test_the_meshes_of_a_robot_are_chosen_and_drawn(page: Any, heard: Any, tmp_p
     robot = page.request.post("/v1/robots", data=body).json()["id"]
     page.goto(f"/?view=new&robot={robot}")
     page.click("#robot-picture > summary")
-    expect(page.locator("#robot-picture > summary")).to_have_text("The arm: 2 of 2 meshes missing")
+    expect(page.locator("#robot-picture > summary")).to_have_text("Picture of the robot: 2 of 2 meshes missing")
     expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "0")
     for link in ("upper", "fore"):
         (tmp_path / f"{link}.obj").write_text(TETRAHEDRON)
@@ -48,11 +48,11 @@ def test_the_meshes_of_a_robot_are_chosen_and_drawn(page: Any, heard: Any, tmp_p
     page.set_input_files("#mesh-files", tmp_path / "wrong" / "upper.obj")
     expect(page.locator("#robot-picture .box")).to_contain_text("upper.obj cannot be read as a mesh")
     page.set_input_files("#mesh-files", tmp_path / "upper.obj")
-    expect(page.locator("#robot-picture > summary")).to_have_text("The arm: 1 of 2 meshes missing")
+    expect(page.locator("#robot-picture > summary")).to_have_text("Picture of the robot: 1 of 2 meshes missing")
     expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "4")
     page.set_input_files("#mesh-files", tmp_path / "fore.obj")
     expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "8")
-    expect(page.locator("#robot-picture > summary")).to_have_text("The arm")
+    expect(page.locator("#robot-picture > summary")).to_have_text("Picture of the robot")
     assert all(one["sha256"] for one in ask(page, f"/robots/{robot}")["meshes"])
     # The one refusal is what the browser itself complains of.
     assert [one for one in heard.complaints if "422" not in one] == []
@@ -76,7 +76,7 @@ def test_a_folder_of_meshes_is_dropped_with_all_that_is_below_it(page: Any, hear
         drop(page, "#mesh-files", tmp_path / "arm")
     content = sent.value.post_data_buffer
     assert content is None or b"readme" not in content
-    expect(page.locator("#robot-picture > summary")).to_have_text("The arm")
+    expect(page.locator("#robot-picture > summary")).to_have_text("Picture of the robot")
     expect(page.locator("canvas.arm")).to_have_attribute("data-triangles", "8")
     assert heard.complaints == []
 

@@ -53,6 +53,17 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     assert heard.complaints == []
 
 
+def test_obstacles_of_a_campaign_are_those_of_all_its_motions(page: Any) -> None:
+    robot = heavy_arm(page)
+    page.goto("/?view=campaigns")
+    page.select_option("#campaign-robot", robot)
+    page.fill("#campaign-surroundings-floor", "-2")
+    page.click("#begin-campaign")
+    page.locator("#campaign-state").wait_for()
+    (campaign,) = ask(page, f"/campaigns?robot_id={robot}")["items"]
+    assert campaign["request"]["surroundings"]["floor"] == -2
+
+
 def test_a_load_is_weighed_after_it_was_mounted(page: Any, heard: Any, tmp_path: Path) -> None:
     robot = heavy_arm(page)
     page.goto("/?view=campaigns")

@@ -33,7 +33,7 @@ def test_a_load_that_was_mounted_since_is_told_with_its_interval_and_is_no_part_
     for select in page.locator("#days select").all():
         select.select_option("")
     page.click("#what-changed")
-    expect(page.locator("#changes-form")).to_contain_text("at least one measurement before and one after")
+    expect(page.locator("#changes-form")).to_contain_text("at least one recording before and one after")
     page.get_by_label("exciting").select_option("before")
     page.get_by_label("today").select_option("after")
     page.click("#what-changed")

@@ -40,7 +40,7 @@ def test_a_load_is_told_with_its_day_and_later_days_join_those_that_are_kept(
     row = page.locator("#series tr[data-change=payload]")
     expect(row).to_contain_text(change["since"])
     expect(row).to_contain_text(change["evidence"])
-    expect(page.locator("#days-of-series")).to_contain_text("Upload another day's measurement")
+    expect(page.locator("#days-of-series")).to_contain_text("Upload another day's recording")
     names = page.locator("#course option").all_text_contents()
     assert len(names) == len([one for one in found["result"]["courses"] if any(one["values"])])
     assert names[0].startswith(change["parameter"])
@@ -56,7 +56,7 @@ def test_a_load_is_told_with_its_day_and_later_days_join_those_that_are_kept(
     page.locator("#days-form > summary").click()
     expect(page.locator("#days-of-series input")).to_have_count(1)
     page.click("#follow-days")
-    expect(page.locator("#days-of-series")).to_contain_text("4 measurements")
+    expect(page.locator("#days-of-series")).to_contain_text("4 recordings")
     longer = ask(page, f"/series?identification_id={model}")["items"][0]
     assert longer["request"]["continues"] == found["id"]
     assert len(longer["result"]["days"]) == 4

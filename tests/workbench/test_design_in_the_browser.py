@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support.heavy_arm import heavy_arm
+from support.two_link_arm import URDF
 from support.workbench_page import ask
 
 from dynident.robot import library_table
@@ -73,6 +75,39 @@ def test_an_experiment_that_cannot_be_says_where_and_keeps_what_was_filled_in(pa
     page.click("#run-design")
     expect(page.locator("[data-pointer='/trajectory/duration'] .complaint")).to_be_visible()
     expect(page.get_by_label("First effect", exact=True)).to_have_value("coulomb")
+
+
+def test_obstacles_are_stated_beside_the_limits_and_complaints_stand_at_them(page: Any) -> None:
+    robot = heavy_arm(page)
+    page.goto(f"/?view=design&robot={robot}")
+    page.fill("#design-surroundings-floor", "-3")
+    page.click("#add-box")
+    page.click("#add-box")
+    page.get_by_label("Remove box 1").click()
+    for axis, centre, edge in (("x", "5", "1"), ("y", "0", "2"), ("z", "0.1", "-1")):
+        page.get_by_label(f"Centre {axis} of box 1").fill(centre)
+        page.get_by_label(f"Edge {axis} of box 1").fill(edge)
+    page.click("#run-design")
+    expect(page.locator("[data-pointer='/surroundings/boxes/0/size/2'] .complaint")).to_be_visible()
+    page.get_by_label("Edge z of box 1").fill("0.2")
+    with page.expect_request("**/v1/designs") as sent:
+        page.click("#run-design")
+    stated = sent.value.post_data_json["surroundings"]
+    assert stated["floor"] == -3
+    assert stated["boxes"] == [{"name": "box 2", "center": [5, 0, 0.1], "size": [1, 2, 0.2]}]
+
+
+def test_long_limits_are_shown_short_and_kept_exact(page: Any) -> None:
+    exact = '<limit lower="-3.14159265" upper="3.14159265" effort="100" velocity="2"/>'
+    content = re.sub("<limit[^>]*/>", exact, URDF)
+    body = {"name": "long limits", "description": {"format": "urdf", "content": content}}
+    robot = page.request.post("/v1/robots", data=body).json()["id"]
+    page.goto(f"/?view=design&robot={robot}")
+    expect(page.get_by_label("Lowest position of elbow")).to_have_value("-3.1415")
+    page.get_by_label("Highest position of elbow").fill("1")
+    with page.expect_request("**/v1/designs") as sent:
+        page.click("#run-design")
+    assert sent.value.post_data_json["limits"] == {"elbow": {"position": [-3.14159265, 1]}}
 
 
 def test_the_arm_moves_with_its_clearances_to_what_stands_around_it(page: Any, heard: Any) -> None:

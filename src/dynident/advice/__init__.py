@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy_loader import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_exports
 
 if TYPE_CHECKING:
     from dynident.advice.campaign import (
@@ -38,4 +38,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # The types of results are read without the planning of motions.
-    __getattr__ = make_lazy_getattr(__name__)
+    __getattr__, __dir__ = make_lazy_exports(__name__)

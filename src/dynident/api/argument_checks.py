@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
 from functools import wraps
 from numbers import Integral, Real
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from dynident.advice.campaign_request import CampaignRequest
-from dynident.errors import DynidentError, check_names, suggest_names
+from dynident.errors import DynidentError, check_names, describe_value, suggest_names
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
 from dynident.identification.methods.base_classes import Estimator
@@ -19,7 +19,6 @@ from dynident.recordings import RecordingMetadata
 from dynident.robot import Drive, Limits, Robot
 from dynident.robot.description_formats import BASE_JOINTS
 
-_LONGEST = 60
 _TITLE = "Unusable argument"
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -146,7 +145,9 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
         try:
             given = signature.bind(*args, **kwargs).arguments
         except TypeError:
-            check_names(function.__qualname__.removesuffix(".__init__"), kwargs, signature.parameters)
+            owner = function.__qualname__.removesuffix(".__init__").split(".")[-1]
+            _check_for_fields(owner, kwargs, signature.parameters)
+            check_names(owner, kwargs, signature.parameters)
             # Python's own message about missing arguments is better than that of `bind`.
             return function(*args, **kwargs)
         for name, value in given.items():
@@ -158,6 +159,19 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
     return call_with_checks
 
 
+def _check_for_fields(owner: str, given: Iterable[str], known: Container[str]) -> None:
+    """Tell where a name belongs that is no argument, but a field of one."""
+    requests = (("choices", IdentificationChoices), ("request", DesignRequest), ("metadata", RecordingMetadata))
+    for name in given:
+        for argument, kind in requests:
+            if name not in known and argument in known and name in kind.__dataclass_fields__:
+                raise DynidentError(
+                    f"{owner} takes {name} as a field of {argument}: {argument}=dy.{kind.__name__}({name}=…)",
+                    pointer=name,
+                    title="Unknown argument",
+                )
+
+
 ELSEWHERE: Mapping[str, str] = {
     "cov_params": "covariance",
     "corr": "correlation",
@@ -165,6 +179,19 @@ ELSEWHERE: Mapping[str, str] = {
     "coef_": "params",
     "resid": "residuals()",
     "fittedvalues": "dynident.compare(model)",
+    "get_prediction": "predict(q, dq, ddq, interval=0.95)",
+    "inverse_dynamics": "predict(q, dq, ddq)",
+    "rnea": "predict(q, dq, ddq)",
+    "crba": "mass_matrix(q)",
+    "nonLinearEffects": "coriolis(q, dq) @ dq + gravity(q)",
+    "friction_curve": "friction(q, dq), with arrays of velocities",
+    "pvalues": "tvalues, conf_int()",
+    "compare_f_test": "ladder: errors on held-out data",
+    "compare_lr_test": "ladder: errors on held-out data",
+    "aic": "ladder: errors on held-out data",
+    "bic": "ladder: errors on held-out data",
+    "rsquared": "errors",
+    "rmse": "errors",
     "score": "held_out_moving.relative_total",
     "nobs": "identification.data",
     "identifiable": 'parameters.to_frame()["judgement"]',
@@ -174,7 +201,7 @@ ELSEWHERE: Mapping[str, str] = {
     "values": "to_frame().values",
     "plot": "to_frame().plot(…)",
 }
-"""Where results have what statsmodels, scikit-learn and pandas call so."""
+"""Where results have what statsmodels, scikit-learn, pandas and Pinocchio call so."""
 
 
 def _is_public(name: str) -> bool:
@@ -243,31 +270,3 @@ def check_is_file(path: Path, name: str) -> None:
         )
     if not path.is_file():
         raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
-
-
-def describe_value(value: object) -> str:
-    """Return what an argument is in a few words, for messages: "a list of 3 items", "'arm.urdf'".
-
-    Parameters
-    ----------
-    value : object
-        What was given.
-
-    Returns
-    -------
-    str
-        Part of a sentence, at most some 60 characters.
-    """
-    shape = getattr(value, "shape", None)
-    if isinstance(shape, tuple) and shape:
-        return f"{_add_article(type(value).__name__)} of shape {shape}"
-    text = repr(value)
-    if len(text) <= _LONGEST and "\n" not in text:
-        return text
-    if isinstance(value, (list, tuple, set, dict)):
-        return f"{_add_article(type(value).__name__)} of {len(value)} item{'' if len(value) == 1 else 's'}"
-    return _add_article(type(value).__name__)
-
-
-def _add_article(noun: str) -> str:
-    return f"{'an' if noun[0].lower() in 'aeiou' else 'a'} {noun}"

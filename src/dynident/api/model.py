@@ -9,7 +9,7 @@ from typing import overload
 
 import numpy as np
 
-from dynident.api.argument_checks import require
+from dynident.api.argument_checks import check_arguments, require
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model_results import ModelResults
@@ -83,6 +83,7 @@ class Model(ModelResults):
             )
         )
 
+    @check_arguments
     def residuals(self, recordings: SomeRecordings | None = None, *, progress: Progress = ignore_progress) -> Table:
         """Return measured minus predicted torque.
 
@@ -131,6 +132,7 @@ class Model(ModelResults):
             title=f"Residuals of {', '.join(checked_recordings.names)}: measured minus predicted torque",
         )
 
+    @check_arguments
     def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
         """Judge what the model is fit for (simulation, feed-forward, collision detection, payload).
 
@@ -157,6 +159,7 @@ class Model(ModelResults):
         checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
 
+    @check_arguments
     def extend(self, *what: Addition, progress: Progress = ignore_progress) -> Model:
         """Add effects, each as one step of the ladder, on the data that the model was identified from.
 
@@ -184,6 +187,7 @@ class Model(ModelResults):
         extended = extend(self.identification, added, self.recordings.recordings, self.validation.recordings, progress)
         return replace(self, identification=extended)
 
+    @check_arguments
     def remove(self, *what: EffectChoice | str) -> Model:
         """Remove effects, from the joints that are named or from all. Needs no recordings.
 
@@ -204,6 +208,7 @@ class Model(ModelResults):
         """
         return replace(self, identification=remove(self.identification, resolve_effects(what)))
 
+    @check_arguments
     def with_data(self, recordings: SomeRecordings, validation: SomeRecordings = ()) -> Model:
         """Return the model with the recordings that it was identified from, and held-out ones.
 
@@ -254,6 +259,7 @@ class Model(ModelResults):
                 title="Recordings needed",
             )
 
+    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write the model, with the models that led to it, to an .npz file, which `load_model` and the commands read.
 

@@ -11,7 +11,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident.api.argument_checks import KnownNames
+from dynident.api.argument_checks import KnownNames, check_arguments
 from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
 from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
@@ -125,7 +125,8 @@ class ModelResults(KnownNames):
         """
         matrix, names = self.identification.statistics.covariance, self._names
         columns = {name: matrix[:, k] for k, name in enumerate(names)}
-        return Table(columns, labels=names, label_name="parameter", title="Covariance of the base parameters, SI units")
+        title = "Covariance of the base parameters, SI units"
+        return Table(columns, labels=names, label_name="parameter", title=title, groupings=self._groupings)
 
     @property
     def correlation(self) -> Table:
@@ -140,6 +141,7 @@ class ModelResults(KnownNames):
         ratios, title = self.identification.values / self._deviations, "Parameters over their standard deviations"
         return Table({"t": ratios}, labels=self._names, label_name="parameter", title=title)
 
+    @check_arguments
     def conf_int(self, level: float = 0.95) -> Table:
         """Return the intervals that hold the true values of the parameters, by Student's t.
 
@@ -197,6 +199,7 @@ class ModelResults(KnownNames):
         t: ArrayLike | None = None,
         dt: float | None = None,
     ) -> PredictedTorque: ...
+    @check_arguments
     def predict(
         self,
         q: ArrayLike,
@@ -272,6 +275,7 @@ class ModelResults(KnownNames):
         """
         return PredictingModel.from_identification(self.identification).predictor()
 
+    @check_arguments
     def gravity(self, q: ArrayLike) -> FloatArray:
         """Return the torque that holds the links at rest.
 
@@ -291,6 +295,7 @@ class ModelResults(KnownNames):
         """
         return self._compute(compute_gravity, read_motion(self.robot, q=q))
 
+    @check_arguments
     def mass_matrix(self, q: ArrayLike) -> FloatArray:
         """Return the mass matrix of links and rotors, symmetric.
 
@@ -310,6 +315,7 @@ class ModelResults(KnownNames):
         """
         return self._compute(compute_mass_matrix, read_motion(self.robot, q=q))
 
+    @check_arguments
     def coriolis(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
         """Return the Coriolis matrix C, by Christoffel symbols; C q̇ is the Coriolis and centrifugal torque.
 
@@ -329,6 +335,7 @@ class ModelResults(KnownNames):
         """
         return self._compute(compute_coriolis_matrix, read_motion(self.robot, q=q, dq=dq))
 
+    @check_arguments
     def friction(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike | None = None) -> FloatArray:
         """Return the torque of friction.
 
@@ -356,6 +363,7 @@ class ModelResults(KnownNames):
         accelerations = np.zeros_like(np.asarray(dq, dtype=np.float64)) if ddq is None else ddq
         return self._compute(compute_friction, read_motion(self.robot, q=q, dq=dq, ddq=accelerations))
 
+    @check_arguments
     def export(self, path: str | Path, *, nearest: bool = False, anyway: bool = False) -> ExportedFile:
         """Write the model for another program, in the format that the ending of the path names.
 
@@ -409,9 +417,13 @@ class ModelResults(KnownNames):
     def _names(self) -> tuple[str, ...]:
         return tuple(column.name for column in self.identification.model.kept)
 
+    @property
+    def _groupings(self) -> dict[str, str]:
+        return {parameter.name: parameter.grouping for parameter in self.identification.parameters}
+
     def _label(self, columns: dict[str, FloatArray], title: str) -> Table:
         units = {column.name: column.unit for column in self.identification.model.kept}
-        return Table(columns, units, self._names, "parameter", title)
+        return Table(columns, units, self._names, "parameter", title, self._groupings)
 
     def _compute(self, function: Callable[..., FloatArray], motion: Motion) -> FloatArray:
         self.robot.require_no_contacts("term of its equations alone")

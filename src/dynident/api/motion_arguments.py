@@ -11,9 +11,8 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident.api.argument_checks import describe_value
 from dynident.array_types import FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_value
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.recordings.position_checks import has_other_unit
 from dynident.robot import Robot

@@ -6,7 +6,7 @@ This library needs neither package: a table prints itself and is indexed by name
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.api.argument_checks import KnownNames
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, suggest_names
 from dynident.file_output import TABLE_ENDINGS, check_ending
 from dynident.number_format import format_number
 from dynident.optional_dependencies import format_install_hint
@@ -32,6 +32,30 @@ FrameLibrary = Literal["pandas", "polars"]
 _LIBRARIES: tuple[FrameLibrary, ...] = ("pandas", "polars")
 _SHOWN_ROWS, _WIDTH = 30, 98
 """Rows and characters of a table that is printed: a screen of a terminal or a notebook."""
+
+
+def describe_missing(kind: str, name: str, known: Collection[str], groupings: Mapping[str, str]) -> str:
+    """Return the sentence about a name that a table does not have.
+
+    Parameters
+    ----------
+    kind : str
+        What it should name, such as "parameter".
+    name : str
+        The name that was asked for.
+    known : collection of str
+        The names that there are.
+    groupings : mapping of str to str
+        Sums that names stand for, such as "XX2 - YY2 - 0.37 M3".
+    """
+    sums = [whole for whole, grouping in groupings.items() if name in grouping.split()]
+    if sums:
+        return (
+            f"{name!r} cannot be identified by itself; it is only in the sums {', '.join(sums)} "
+            f"(model.parameters[{sums[0]!r}].grouping). model.export writes one possible value of it"
+        )
+    nearest = suggest_names(name, known) or "."
+    return f"there is no {kind} {name!r}{nearest} There are: {', '.join(known)}"
 
 
 class Framed(KnownNames, ABC):
@@ -119,6 +143,8 @@ class Table(Framed):
         What the names of the rows are, as the head of their column.
     title : str
         What the table holds.
+    groupings : mapping of str to str
+        Sums that rows stand for, by the names of the rows. The error about a name that is only in such sums says so.
 
     Examples
     --------
@@ -135,6 +161,7 @@ class Table(Framed):
     labels: Sequence[str] = ()
     label_name: str = "name"
     title: str = ""
+    groupings: Mapping[str, str] = field(default_factory=dict)
 
     def keys(self) -> tuple[str, ...]:
         """Return the names of the rows; where rows have none, those of the columns."""
@@ -173,13 +200,13 @@ class Table(Framed):
 
     def _get_column(self, name: str) -> Any:
         if name not in self.columns:
-            raise KeyError(f"there is no column {name!r}; the columns are: {', '.join(self.columns)}")
+            raise KeyError(describe_missing("column", name, self.columns, self.groupings))
         values = self.columns[name]
         return values if isinstance(values, np.ndarray) else np.array(values)
 
     def _find_row(self, name: object) -> int:
         if name not in self.labels:
-            raise KeyError(f"there is no {name!r}; there are: {', '.join(self.keys())}")
+            raise KeyError(describe_missing(self.label_name, str(name), self.keys(), self.groupings))
         return tuple(self.labels).index(str(name))
 
     def __repr__(self) -> str:

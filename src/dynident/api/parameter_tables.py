@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from textwrap import wrap
 from typing import overload
 
-from dynident.api.named_tables import Framed, Table
+from dynident.api.named_tables import Framed, Table, describe_missing
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.number_format import format_count, format_percent
@@ -80,10 +80,8 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
         if isinstance(index, str):
             parameter = next((item for item in self.items if item.name == index), None)
             if parameter is None:
-                raise KeyError(
-                    f"there is no parameter {index!r}; the parameters are: "
-                    f"{', '.join(item.name for item in self.items)}"
-                )
+                groupings = {item.name: item.grouping for item in self.items}
+                raise KeyError(describe_missing("parameter", index, groupings, groupings))
             return parameter
         return self.items[index]
 

@@ -11,10 +11,9 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.argument_checks import describe_value
 from dynident.api.figure import Figure, join_figures
 from dynident.api.named_tables import Framed, Table
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_value
 from dynident.number_format import format_count
 from dynident.presentation.recording_tables import (
     ShownRecording,

@@ -15,8 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as compute
 import pyarrow.parquet as pq
 
-from dynident.api.argument_checks import describe_value
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_value
 from dynident.recordings.file_names_and_digests import check_readable_path, split_path
 from dynident.robot import Robot
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy_loader import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_exports
 
 if TYPE_CHECKING:
     from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
@@ -51,4 +51,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # What can be asked is declared in this package, too: who reads that does not wait for what answers it.
-    __getattr__ = make_lazy_getattr(__name__)
+    __getattr__, __dir__ = make_lazy_exports(__name__)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy_loader import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_exports
 
 if TYPE_CHECKING:
     from dynident.export.actuator_files import to_isaac_lab_actuators, to_mjlab_actuators
@@ -90,4 +90,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # Requests are declared in this package, too. Loading names lazily lets code that only reads requests start fast.
-    __getattr__ = make_lazy_getattr(__name__)
+    __getattr__, __dir__ = make_lazy_exports(__name__)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy_loader import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_exports
 
 if TYPE_CHECKING:
     from dynident.identification.equations.reduced_recordings import ReducedData
@@ -63,4 +63,4 @@ __all__ = [
 if not TYPE_CHECKING:
     # Requests are declared in this package, too: a reader of these must not wait for the numerics to be imported.
 
-    __getattr__ = make_lazy_getattr(__name__)
+    __getattr__, __dir__ = make_lazy_exports(__name__)

@@ -36,7 +36,8 @@ def build_conclusion_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Repor
     # Where nothing was found, the conclusion says what that is worth.
     conclusion, is_adequate = diagnosis.conclusion, diagnosis.verdict == "adequate"
     title = conclusion.headline if conclusion is not None and is_adequate else _HEADLINES[diagnosis.verdict]
-    notes = [diagnosis.summary, *([] if conclusion is None else [f"Next: {conclusion.next_step}"])]
+    summary = diagnosis.summary.removeprefix(title).lstrip()
+    notes = [*([summary] if summary else []), *([] if conclusion is None else [f"Next: {conclusion.next_step}"])]
     rows = tuple(
         tuple(
             make_text_cells(

@@ -459,29 +459,29 @@ class _ColumnFinder:
 
     def _find_source(self, ours: tuple[str, ...]) -> str | None:
         # The user's mapping goes before equal names, and these before names in other upper and lower case.
-        for name in ours:
-            if name in self.metadata.columns:
-                return self.metadata.columns[name]
-        for name in ours:
-            if name in self.names:
-                return name
+        for sources in (self.metadata.columns, {name: name for name in self.names}):
+            for name in ours:
+                if name in sources:
+                    return sources[name]
         # In reverse: of names that differ in upper and lower case only, the first one is found.
         folded = {name.casefold(): name for name in reversed(self.names)}
         return next((folded[name.casefold()] for name in ours if name.casefold() in folded), None)
 
     def _check_mapping(self) -> None:
-        our_names = {"t", "segment", *WRENCH_NAMES}
+        our_names = {"t", "segment", *WRENCH_NAMES, *self.joints.further_columns}
         for kind in JOINT_KINDS:
             our_names |= {name for joint in range(self.joints.n) for name in self.joints.name_columns(kind, joint)}
-        our_names |= self.joints.further_columns
         for ours, theirs in self.metadata.columns.items():
             if ours not in our_names:
+                turned = (Remedy("columns", {theirs: ours}),) if theirs in our_names else ()
                 raise RecordingError(
-                    f"columns maps {ours!r}, which is not a standard column; standard columns are t, segment, and q, "
-                    "q_command, dq, ddq, tau, current, temperature with a joint's number (q1) or name "
+                    f"columns maps {ours!r}, which is not a standard column; "
+                    f"{f'the standard name comes first: {turned[0]}; ' if turned else ''}standard columns are t, "
+                    "segment, and q, q_command, dq, ddq, tau, current, temperature with a joint's number (q1) or name "
                     f"(q_{self.joint_names[0]}), and {', '.join(WRENCH_NAMES)}.",
                     pointer=f"/columns/{ours}",
                     title="Unknown column",
+                    remedies=turned,
                 )
             if theirs not in self.names and not (theirs == NOT_RECORDED and ours.startswith("tau")):
                 raise RecordingError(

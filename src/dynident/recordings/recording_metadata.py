@@ -212,10 +212,6 @@ class RecordingMetadata(Request):
                 pointer="/rate",
             )
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
-            if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
-                raise RecordingError(
-                    f"{name} is {pairs!r}; give pairs (from, to) in s, such as [(3.5, 28)].", pointer=f"/{name}"
-                )
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
                     raise RecordingError(

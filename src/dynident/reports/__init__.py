@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy_loader import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_exports
 
 if TYPE_CHECKING:
     from dynident.presentation.tables import Cell, ReportedTable
@@ -25,4 +25,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # Loading matplotlib takes longer than most commands take to run, so it is imported only when something is drawn.
-    __getattr__ = make_lazy_getattr(__name__)
+    __getattr__, __dir__ = make_lazy_exports(__name__)

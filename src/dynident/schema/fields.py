@@ -12,11 +12,12 @@ all requests, as much as the whole help of a command takes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sized
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from functools import cache
 from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
 
-from dynident.errors import DynidentError, check_names
+from dynident.errors import DynidentError, check_names, check_type
 
 if TYPE_CHECKING:
     from dataclasses import _MISSING_TYPE
@@ -351,7 +352,8 @@ class Request:
     Raises
     ------
     DynidentError
-        For the first number out of range, list of a wrong length, or unknown name; its pointer names the place.
+        For the first value of a wrong type, number out of range, list of a wrong length, or unknown name; its pointer
+        names the place.
     """
 
     def __new__(cls, *_: object, **given: object) -> Self:
@@ -361,11 +363,23 @@ class Request:
 
     def __post_init__(self) -> None:
         # A base class is no dataclass itself, only what derives from it is.
+        for name, hint in _find_types(type(self)).items():  # type: ignore[arg-type]
+            check_type(getattr(self, name), hint, name, f"/{name}")
         for request_field in fields(self):  # type: ignore[arg-type]
             # Fields that were declared without a description have no range to check.
             if _DESCRIPTION_KEY in request_field.metadata:
                 name = request_field.name
                 _check_field(getattr(self, name), name, get_description(request_field))
+
+
+@cache
+def _find_types(request: type[Request]) -> Mapping[str, object]:
+    types = {}
+    for request_field in fields(request):  # type: ignore[arg-type]
+        # Some hints name what only type checkers import.
+        with suppress(NameError):
+            types[request_field.name] = resolve_hint(request, request_field)
+    return types
 
 
 def check_value(request: type[DataclassInstance], name: str, value: object) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynident.identification.thresholds import LARGEST_ERROR, ValidationOutcome, Verdict, combine_verdicts
-from dynident.lazy_loader import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_exports
 
 if TYPE_CHECKING:
     from dynident.validation.bootstrap_validation import BootstrapValidation, DrawnParameter, validate_bootstrap
@@ -73,4 +73,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # Requests are declared in this package, too: reading one must not wait for the imports of the computation.
-    __getattr__ = make_lazy_getattr(__name__)
+    __getattr__, __dir__ = make_lazy_exports(__name__)

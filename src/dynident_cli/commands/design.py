@@ -99,7 +99,11 @@ def simulate(
     command_output.print_result(
         as_json,
         lambda: contract_documents.describe_simulation(measurement, rate),
-        lambda console: console.print(command_output.build_table("", columns, rows)),
+        lambda console: console.print(
+            command_output.build_table("", columns, rows),
+            *(f"in it: {design_and_simulation_files.format_true_effect(effect)}" for effect in hidden),
+            sep="\n",
+        ),
         f"{measurement.n_samples} samples at {rate:g} Hz written to {out}",
     )
 

@@ -1,6 +1,7 @@
 // Page of campaigns: begin one, make its motions, drop their recordings, and see the error fall.
 
 import { get, post } from "./api.js";
+import { obstacles } from "./design/obstacles.js";
 import { field, figures, h, listed, part, put, select } from "./dom.js";
 import { USUAL_DRIVES } from "./first_model.js";
 import { moment, number, percent, quantity } from "./format.js";
@@ -55,6 +56,7 @@ async function campaignForm(robots, chosen) {
   const robot = select(robots.map((one) => [one.id, one.name]), chosen || robots[0].id, () => {}, { id: "campaign-robot" });
   const name = h("input", { maxlength: 200, id: "campaign-name" });
   const prefix = "campaign-";
+  const around = await obstacles({}, prefix);
   const groups = {
     budget: controls(budget, { pointer: "/budget", prefix }),
     trajectory: controls(trajectory, { pointer: "/trajectory", prefix }),
@@ -72,7 +74,7 @@ async function campaignForm(robots, chosen) {
     const parts = Object.fromEntries(Object.entries(groups).map(([key, all]) => [key, saidBy(all)]));
     const index = kinds.indexOf(kind.value);
     const goal = { kind: goals[index].kind.const ?? goals[index].kind.default, ...saidBy(aims[index]) };
-    const made = await post("/campaigns", { goal, robot_id: robot.value, name: name.value.trim() || null, ...parts, ...saidBy(rest) });
+    const made = await post("/campaigns", { goal, robot_id: robot.value, name: name.value.trim() || null, ...parts, ...saidBy(rest), ...around.read() });
     go({ view: "campaigns", campaign: made.id });
   });
   return h("form", { id: "campaign-form", onsubmit: send, novalidate: true },
@@ -80,6 +82,7 @@ async function campaignForm(robots, chosen) {
     h("div", { class: "fields" }, field("Robot", robot), field("Go on until", kind)),
     wanted,
     h("div", { class: "fields" }, open.map((one) => one.element), field("Name", name, { pointer: "/name" })),
+    around.element,
     h("details", { class: "more" }, h("summary", {}, "More options"), h("div", { class: "fields" }, folded.map((one) => one.element))),
     said, h("p", {}, submit));
 }

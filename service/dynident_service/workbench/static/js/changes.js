@@ -17,7 +17,7 @@ export function changesForm(model, ask, signal) {
   const submit = h("button", { class: "main", id: "what-changed" }, "What has changed?");
   const send = sending(submit, said, async () => {
     const [before, after] = [uses.chosen("before"), uses.chosen("after")];
-    if (!before.length || !after.length) return void put(said, h("p", { class: "box warning" }, "Choose at least one measurement before and one after."));
+    if (!before.length || !after.length) return void put(said, h("p", { class: "box warning" }, "Choose at least one recording before and one after."));
     await ask({ identification_id: model.id, baseline_ids: before, measurement_ids: after });
   }, signal);
   const fill = () => orSay(said, async () => uses.update((await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal)).items), signal);

@@ -52,8 +52,8 @@ function daysForm(model, state, ask, signal) {
     days.clear();
     put(
       places,
-      kept.size ? h("p", { class: "note" }, `${kept.size} measurements of the series below come first and are not read again.`) : null,
-      own.length ? own.map((one, index) => line(one, index + 1)) : h("p", { class: "note" }, "Upload another day's measurement to continue."),
+      kept.size ? h("p", { class: "note" }, `${kept.size} recordings of the series below come first and are not read again.`) : null,
+      own.length ? own.map((one, index) => line(one, index + 1)) : h("p", { class: "note" }, "Upload another day's recording to continue."),
     );
     submit.disabled = !own.length;
   }, signal);
@@ -66,8 +66,8 @@ function daysForm(model, state, ask, signal) {
     await ask({ days: inOrder(days), continues: state.latest?.id ?? null });
     await fill();
   }, signal);
-  const form = h("form", { onsubmit: send }, h("p", { class: "note" }, "Measurements with the same number are of one day; without a number they are left out."), places, h("p", { class: "actions" }, submit), wrong);
-  return h("details", { id: "days-form", ontoggle: (event) => { if (event.target.open) fill(); } }, h("summary", {}, "Which measurement is of which day?"), form);
+  const form = h("form", { onsubmit: send }, h("p", { class: "note" }, "Recordings with the same number are of one day; without a number they are left out."), places, h("p", { class: "actions" }, submit), wrong);
+  return h("details", { id: "days-form", ontoggle: (event) => { if (event.target.open) fill(); } }, h("summary", {}, "Which recording is of which day?"), form);
 }
 
 /** Every measurement of a series and of those that it goes on from. */

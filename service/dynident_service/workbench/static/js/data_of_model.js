@@ -7,7 +7,7 @@ import { address } from "./page_address.js";
 /** The measurements of the fit and the held-out ones, each a link to its signals, windows and checks. */
 export function dataSection(model) {
   const columns = [
-    ["measurement", (one) => h("a", { href: address({ view: "recording", measurement: one.id }) }, one.name)],
+    ["recording", (one) => h("a", { href: address({ view: "recording", measurement: one.id }) }, one.name)],
     ["used for", (one) => (one.heldOut ? "held out" : "fit")],
     figures("samples", (one) => one.n_samples, grouped),
     figures("sampling rate", (one) => one.sampling_rate, (value) => quantity(value, "Hz")),
@@ -15,8 +15,8 @@ export function dataSection(model) {
     ["checks", (one) => checksInWords(one.checks)],
   ];
   return section("data", "Data",
-    listed("Measurements of this model", columns, model.measurements, { id: "data-table" }),
-    h("p", { class: "note" }, "A measurement's page shows its signals, its windows and what its checks found. ",
+    listed("Recordings of this model", columns, model.measurements, { id: "data-table" }),
+    h("p", { class: "note" }, "A recording's page shows its signals, its windows and what its checks found. ",
       h("a", { href: address({ view: "new", robot: model.robot.id }) }, "Upload more recordings of this robot, or identify again")),
   );
 }

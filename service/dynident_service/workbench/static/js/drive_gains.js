@@ -14,7 +14,7 @@ const USES = [["", "leave out"], ["unloaded", "without the load"], ["loaded", "w
 /** A form that identifies the drive gains of a robot; `update(measurements)` keeps what has been chosen. */
 export function driveGainsPanel(robot, onRobot, signal) {
   const uses = usesOf(USES, { usual: (one) => (one.role === "payload" ? "loaded" : ""), called: "Load", about: (one) => quantity(one.request.payload?.mass, "kg").replace("–", "") });
-  const mass = h("input", { id: "known-mass", type: "number", step: "any", min: 0, placeholder: "as stated with the measurement" });
+  const mass = h("input", { id: "known-mass", type: "number", step: "any", min: 0, placeholder: "as stated with the recording" });
   const centre = h("input", { id: "known-centre", placeholder: "unknown" });
   const said = h("div");
   const result = h("div", { id: "gains-found" });
@@ -35,7 +35,7 @@ export function driveGainsPanel(robot, onRobot, signal) {
   };
   const send = sending(submit, said, async () => {
     const body = request();
-    if (!body.unloaded.length || !body.loaded.length) return void put(said, complaint("Choose at least one measurement without the load, and one of the same motion with it."));
+    if (!body.unloaded.length || !body.loaded.length) return void put(said, complaint("Choose at least one recording without the load, and one of the same motion with it."));
     put(result);
     await wait(await post("/drive_gains", body, { signal }));
     announce("The drive gains are ready");
@@ -43,7 +43,7 @@ export function driveGainsPanel(robot, onRobot, signal) {
   const wait = async (made) => put(result, found(robot, await awaited("/drive_gains", made, "drive gains", result, signal), onRobot));
   const form = h("form", { onsubmit: send },
     h("p", { class: "note" }, "The same motion without and with a load of known mass gives the torque per unit of current: the drive gains, by total least squares."),
-    h("fieldset", {}, h("legend", {}, "Measurements"), uses.element),
+    h("fieldset", {}, h("legend", {}, "Recordings"), uses.element),
     h("div", { class: "fields" }, field("Mass of the known load (kg)", mass, { pointer: "/mass" }), field("Its centre x, y, z (m)", centre, { pointer: "/centre", hint: "In the last joint's frame." })),
     said,
     h("p", {}, submit),

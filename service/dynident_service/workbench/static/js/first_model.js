@@ -43,7 +43,7 @@ export async function beginPage(target, wanted, signal) {
     const { robot } = state;
     if (!robot) {
       put(steps.measurements, h("p", { class: "note" }, "First choose or create a robot."));
-      put(steps.identification, h("p", { class: "note" }, "First upload a measurement."));
+      put(steps.identification, h("p", { class: "note" }, "First upload a recording."));
       return;
     }
     // Steps of the robot before would be taken away under somebody's hands, and until then act on it.
@@ -67,7 +67,7 @@ export async function beginPage(target, wanted, signal) {
     state.gains.update(state.measurements);
     state.gains.element.hidden = state.measurements.length < 2;
     if (state.form.element.isConnected) return;
-    put(steps.identification, state.measurements.length ? state.form.element : h("p", { class: "note" }, "First upload a measurement."));
+    put(steps.identification, state.measurements.length ? state.form.element : h("p", { class: "note" }, "First upload a recording."));
   };
   const showRobots = () => put(steps.robot, robotChoice(state, choose), state.robot && pictureOf(state.robot, signal), knownRobots(choose, robots.length === 0, signal), robotForm(choicesOf(description.format), choose, robots.length === 0));
 
@@ -76,7 +76,7 @@ export async function beginPage(target, wanted, signal) {
     h("h1", {}, robots.length ? "A new model" : "Begin with a robot"),
     h("p", {}, "dynident identifies the dynamic parameters from a description of the robot and recordings of its motion, and names the physical effects that the model lacks."),
     step("1. Robot", steps.robot),
-    step("2. Measurements", steps.measurements),
+    step("2. Recordings", steps.measurements),
     step("3. Identification", steps.identification),
   );
   showRobots();

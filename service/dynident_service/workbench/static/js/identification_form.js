@@ -68,7 +68,7 @@ export async function identificationForm(robot) {
     go({ identification: made.id });
   });
   const element = h("form", { onsubmit: send, id: "identify" },
-    h("fieldset", { "data-pointer": "/measurement_ids" }, h("legend", {}, "Measurements"), uses.element),
+    h("fieldset", { "data-pointer": "/measurement_ids" }, h("legend", {}, "Recordings"), uses.element),
     h("fieldset", { class: "checks-of", "data-pointer": "/effects" }, h("legend", {}, "Effects in the model"), effects),
     h("p", { class: "note" }, "Begin with the marked effects: the diagnosis names what is missing."),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),

@@ -25,7 +25,7 @@ export function measurementsTable(measurements) {
       moment(one.created_at),
     ]),
   );
-  return h("div", { class: "stored" }, table("Measurements of this robot", ["name", "role", "samples", "standstill per joint", "windows", "checks", "uploaded"], rows));
+  return h("div", { class: "stored" }, table("Recordings of this robot", ["name", "role", "samples", "standstill per joint", "windows", "checks", "uploaded"], rows));
 }
 
 // In this order: the test of friction or of a payload is what its name says first.

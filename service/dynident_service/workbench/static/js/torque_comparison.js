@@ -60,7 +60,7 @@ export function torqueSection(model, signal) {
   showJoints();
   compare();
   return section("torque", "Measured against predicted torque",
-    h("div", { class: "bar-of-fields" }, field("Measurement", measurement), source, joints),
+    h("div", { class: "bar-of-fields" }, field("Recording", measurement), source, joints),
     body,
   );
 }

@@ -13,7 +13,7 @@ import { shownTable } from "./tables.js";
 /** Folded away until somebody asks for it. */
 export function twoLadders(model, signal) {
   const body = h("div", { id: "two-ladders" });
-  const details = h("details", { id: "compare-ladders", ontoggle: () => open() }, h("summary", {}, "Compare with another ladder"), body);
+  const details = h("details", { id: "compare-ladders", ontoggle: () => open() }, h("summary", {}, "Compare with other models"), body);
   let filled = false;
   const open = () => {
     if (filled || !details.open) return;
@@ -52,7 +52,7 @@ function shown(found) {
   const kind = heldOut ? "validation" : "residual";
   const totals = (rungs) => rungs.filter((one) => one[kind]).map((one) => judged(one[kind]).relative_total);
   return [
-    found.same_data ? null : h("p", { class: "box warning" }, "Not all of these models use the same measurements, so their errors are not comparable."),
+    found.same_data ? null : h("p", { class: "box warning" }, "Not all of these models use the same recordings, so their errors are not comparable."),
     both(totals(own), totals(other), heldOut),
     differences(found),
   ];

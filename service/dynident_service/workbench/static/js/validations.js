@@ -80,7 +80,7 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
       if (kind === "payload") {
         body.measurement_ids = await loads(model, signal);
         if (!body.measurement_ids.length) {
-          put(said, h("p", { class: "note" }, "There is no measurement whose role is payload. Record the motion of the identification with a load, and upload it with the mass of the load."));
+          put(said, h("p", { class: "note" }, "There is no recording whose role is payload. Record the motion of the identification with a load, and upload it with the mass of the load."));
           return;
         }
       }

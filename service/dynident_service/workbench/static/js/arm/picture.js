@@ -14,7 +14,7 @@ export function pictureOf(robot, signal) {
   let meant = robot;
   const arm = armBeside({ robotId: robot.id, view: new EventTarget(), motion: () => [], props: { id: "robot-picture" } }, signal);
   const tell = () => {
-    put(arm.element.firstChild, "The arm", lacking(meant) ? `: ${lacking(meant)} of ${counted(meant.meshes.length, "mesh", "meshes")} missing` : "");
+    put(arm.element.firstChild, "Picture of the robot", lacking(meant) ? `: ${lacking(meant)} of ${counted(meant.meshes.length, "mesh", "meshes")} missing` : "");
     put(meshes, meant.meshes.length ? meshesForm(meant, sent, signal) : null);
   };
   const sent = (answer) => {

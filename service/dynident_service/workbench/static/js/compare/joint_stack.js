@@ -127,7 +127,7 @@ export class CompareStack {
   async #readRaw() {
     const wanted = this.wantsRaw.checked && !this.wantsRaw.disabled;
     if (wanted && this.reader?.shifted) {
-      put(this.rawSaid, "Runs that overlap in time are drawn one after another here; the page of the measurement shows the recording itself.");
+      put(this.rawSaid, "Runs that overlap in time are drawn one after another here; the page of the recording shows the recording itself.");
       return;
     }
     try {

@@ -8,6 +8,7 @@ import { go } from "../page_address.js";
 import { sending } from "../problem.js";
 import { fieldsOf } from "../schema.js";
 import { limitsTable } from "./limits_table.js";
+import { obstacles } from "./obstacles.js";
 import { purposeChoice } from "./purpose.js";
 
 // What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
@@ -23,6 +24,7 @@ export async function designForm(robot, given) {
   const purpose = purposeChoice(robot, effects, criterion.name["x-choices"], given.criterion);
   const limits = limitsTable(robot, given);
   const prefix = "design-";
+  const around = await obstacles(given.surroundings, prefix);
   const [kind] = controls({ kind: asked.kind }, { given, prefix });
   const moves = controls(trajectory, { given: given.trajectory, pointer: "/trajectory", prefix });
   const own = controls(asked, { but: APART, given: start, prefix });
@@ -38,6 +40,7 @@ export async function designForm(robot, given) {
       kind: kind.read(),
       criterion: purpose.read(),
       ...limits.read(),
+      ...around.read(),
       trajectory: { ...given.trajectory, ...saidBy(moves) },
       ...saidBy(own),
     });
@@ -47,6 +50,7 @@ export async function designForm(robot, given) {
     purpose.element,
     h("div", { class: "fields" }, kind.element, open.map((one) => one.element)),
     limits.element,
+    around.element,
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),
     h("details", { class: "more", id: "design-more" }, h("summary", {}, "More options"), h("div", { class: "fields" }, folded.map((one) => one.element))),
     said,

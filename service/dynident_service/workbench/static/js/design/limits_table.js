@@ -6,15 +6,18 @@ const KINDS = [["velocity", "/s"], ["acceleration", "/s²"], ["jerk", "/s³"]];
 
 /** Inputs for each joint's limits and noise; `read()` gives { limits, noise } with what was changed. */
 export function limitsTable(robot, given) {
-  const inputs = []; // { joint, kind, index, element, before }
+  const inputs = []; // { joint, kind, index, read, own }
   const head = ["joint", "from", "to", ...KINDS.map(([name, unit]) => `${name} (unit${unit})`), "effort", "power (W)", "noise σ of the torque"];
   const rows = robot.joints.map((joint) => {
     const turns = joint.type === "revolute";
     const wanted = { ...joint.limits, ...dropNull(given.limits?.[joint.name]) };
     const cell = (kind, value, words, index = null) => {
-      const element = h("input", { type: "number", step: "any", class: "limit", value: value ?? "", "aria-label": `${words} of ${joint.name}` });
+      // Towards zero: a rounded limit is no wider than the robot's. One that is left as it is stays exact.
+      const shown = typeof value === "number" ? String(Math.trunc(value * 1e4) / 1e4) : "";
+      const element = h("input", { type: "number", step: "any", class: "limit", value: shown, "aria-label": `${words} of ${joint.name}` });
       const pointer = kind === "noise" ? `/noise/${joint.name}` : `/limits/${joint.name}/${kind}`;
-      inputs.push({ joint: joint.name, kind, index, element, own: own(joint, kind, index) });
+      const read = () => (element.value === shown ? (value ?? null) : element.value === "" ? null : Number(element.value));
+      inputs.push({ joint: joint.name, kind, index, read, own: own(joint, kind, index) });
       return h("div", { "data-pointer": pointer }, element);
     };
     return row([
@@ -35,9 +38,9 @@ export function limitsTable(robot, given) {
 
 function read(robot, inputs) {
   const [limits, noise] = [{}, {}];
-  for (const { joint, kind, index, element, own: before } of inputs) {
-    if (element.value === "" || Number(element.value) === before) continue;
-    const value = Number(element.value);
+  for (const { joint, kind, index, read: valueOf, own: before } of inputs) {
+    const value = valueOf();
+    if (value === null || value === before) continue;
     if (kind === "noise") {
       noise[joint] = value;
       continue;
@@ -51,7 +54,7 @@ function read(robot, inputs) {
 
 function bothEnds(inputs, joint) {
   const ends = inputs.filter((one) => one.joint === joint && one.kind === "position");
-  return ends.map(({ element }) => (element.value === "" ? null : Number(element.value)));
+  return ends.map((one) => one.read());
 }
 
 function own(joint, kind, index) {

@@ -33,8 +33,8 @@ function settings(models, robots, names, effects, ways) {
   const pairs = [
     ["robot", ...robots.map((one) => one.name)],
     ["method", ...models.map((one) => methodInWords(ways, one.request))],
-    ["measurements of the fit", ...models.map((one) => listed(one, "measurement_ids"))],
-    ["measurements held out", ...models.map((one) => listed(one, "validation_ids"))],
+    ["recordings of the fit", ...models.map((one) => listed(one, "measurement_ids"))],
+    ["recordings held out", ...models.map((one) => listed(one, "validation_ids"))],
     ["position filter", quantity(a.position_cutoff, "Hz"), quantity(b.position_cutoff, "Hz")],
     ["torque filter", quantity(a.torque_cutoff, "Hz"), quantity(b.torque_cutoff, "Hz")],
     ["decimation", String(a.decimation), String(b.decimation)],

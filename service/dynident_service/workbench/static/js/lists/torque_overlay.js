@@ -74,7 +74,7 @@ export function overlaySection(models, names, signal) {
   };
   read();
   return part("Torques",
-    h("div", { class: "bar-of-fields" }, field("Measurement", select(shared.map((id) => [id, seen.get(id) ?? id]), shared[0], choose("measurement"))), field("Joint", select(joints.map((one) => [one, one]), state.joint, choose("joint")))),
+    h("div", { class: "bar-of-fields" }, field("Recording", select(shared.map((id) => [id, seen.get(id) ?? id]), shared[0], choose("measurement"))), field("Joint", select(joints.map((one) => [one, one]), state.joint, choose("joint")))),
     timeButtons(view), said, group);
 }
 
