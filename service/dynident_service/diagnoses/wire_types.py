@@ -48,6 +48,7 @@ class Reason(ViewModel):
         "impossible",
         "unstable",
         "only_at_reversals",
+        "within_sampling",
         "superfluous",
         "not_resolved",
         "harmful",

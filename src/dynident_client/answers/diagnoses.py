@@ -292,6 +292,7 @@ class Reason(TypedDict):
         "impossible",
         "unstable",
         "only_at_reversals",
+        "within_sampling",
         "superfluous",
         "not_resolved",
         "harmful",
