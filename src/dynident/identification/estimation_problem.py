@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -23,8 +25,8 @@ class Fit:
     ----------
     solution : Solution
         Estimated base parameters.
-    statistics : Statistics
-        Their covariance.
+    uncertainty : Statistics or callable
+        Their covariance, or what computes it once it is asked for.
     warnings : tuple of str
         How they came about, as far as the user has to know.
     standard : StandardParameters or None
@@ -32,9 +34,14 @@ class Fit:
     """
 
     solution: Solution
-    statistics: Statistics
+    uncertainty: Statistics | Callable[[], Statistics]
     warnings: tuple[str, ...] = ()
     standard: StandardParameters | None = None
+
+    @cached_property
+    def statistics(self) -> Statistics:
+        """Covariance of the estimates."""
+        return self.uncertainty if isinstance(self.uncertainty, Statistics) else self.uncertainty()
 
 
 class ProblemChoices(Protocol):
