@@ -71,7 +71,9 @@ def test_extending_gives_what_identifying_at_once_gives(kept, monkeypatch):
     assert model.worst_inertia_eigenvalue == pytest.approx(whole.worst_inertia_eigenvalue, rel=1e-5)
 
 
-@pytest.mark.parametrize("added", [(STEPS[0][0], EffectChoice("viscous_asymmetric")), (*STEPS[1], replace(STEPS[1][0], joints=(NAMES[3],)))])
+@pytest.mark.parametrize(
+    "added", [(STEPS[0][0], EffectChoice("viscous_asymmetric")), (*STEPS[1], replace(STEPS[1][0], joints=(NAMES[3],)))]
+)
 def test_effects_added_together_take_one_pass_and_give_what_identifying_at_once_gives(added, monkeypatch):
     model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
     alone = extend(model, added[:1], RUNS, HELD_OUT)

@@ -281,16 +281,18 @@ def _extend_at_rest(
 def _list_for_one_pass(
     identification: Identification, added: Sequence[EffectChoice], validation: Sequence[Recording]
 ) -> tuple[EffectChoice, ...]:
-    """Return the first effects that all can be fitted to rows of one pass: those that depend on no fit of the others."""
+    """Return the first effects, as far as one pass over the samples does for all: none depends on a fit with others."""
     choices = identification.choices
     if not (choices.model == "dynamic" and choices.solver.from_reduced and choices.plan.from_reduced):
         return ()
     return tuple(
         takewhile(
-            lambda choice: not (
-                lacks_shape(choice)
-                or get_effect(choice.effect).first_order
-                or needs_search_in_held_out_runs(choice, validation)
+            lambda choice: (
+                not (
+                    lacks_shape(choice)
+                    or get_effect(choice.effect).first_order
+                    or needs_search_in_held_out_runs(choice, validation)
+                )
             ),
             added,
         )
