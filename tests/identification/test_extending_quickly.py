@@ -11,7 +11,6 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
-from dynident.identification.equations import reduced_recordings
 from dynident.recordings import Preprocessing
 from dynident.regressors import row_cache
 from dynident.regressors.model_structure import build_model, extend_model
@@ -78,8 +77,9 @@ def test_effects_added_together_take_one_pass_and_give_what_identifying_at_once_
     model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
     alone = extend(model, added[:1], RUNS, HELD_OUT)
     passes = []
-    reduce = reduced_recordings.reduce_and_cache
-    monkeypatch.setattr(reduced_recordings, "reduce_and_cache", lambda *given: passes.append(1) or reduce(*given))
+    reduce = row_cache.reduce_and_cache
+    place = "dynident.identification.equations.reduced_recordings.reduce_and_cache"
+    monkeypatch.setattr(place, lambda *given: passes.append(1) or reduce(*given))
     grown = extend(model, added, RUNS, HELD_OUT)
     assert len(passes) == 2  # over the data of the fit and over the held-out data
     whole = identify(ROBOT, RUNS, HELD_OUT, replace(CHOICES, effects=(*PLAIN, *added)))

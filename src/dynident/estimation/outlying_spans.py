@@ -134,13 +134,15 @@ class _SpanSearch:
         self._firsts = _find_block_edges(run)
         starts = self._firsts[:-1]
         self._run = run[starts]
-        self._own, self._products = [], []
+        # Rows and columns of each equation's products among those of all columns.
+        self._own: list[tuple[IndexArray, IndexArray]] = []
+        self._products: list[FloatArray] = []
         self._total = np.zeros((len(reduction.equations), c + 1, c + 1))
         for total, equation in zip(self._total, reduction.equations, strict=True):
             own = np.append(equation.columns, c)
             # Inner products instead of factors: they can be subtracted, which leaves a window out at no cost.
             squared = equation.factors.transpose(0, 2, 1) @ equation.factors
-            self._own.append(np.ix_(own, own))
+            self._own.append((own[:, None], own))
             self._products.append(np.add.reduceat(squared, starts, axis=0))
             total[self._own[-1]] = self._products[-1].sum(axis=0)
         counts = np.array([equation.counts for equation in reduction.equations], dtype=np.float64)
@@ -160,7 +162,7 @@ class _SpanSearch:
         n, width = self._total.shape[:2]
         sums = np.zeros((n, len(self._run) + 1, width, width))
         for whole, own, products in zip(sums, self._own, self._products, strict=True):
-            whole[(slice(1, None), *own)] = np.cumsum(products, axis=0)
+            whole[1:, own[0], own[1]] = np.cumsum(products, axis=0)
         return sums
 
     def _bound_rest_squares(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -168,7 +170,7 @@ class _SpanSearch:
         width = self._total.shape[1]
         blocks = np.zeros((len(self._run), width, width))
         for weight, own, products in zip(weights, self._own, self._products, strict=True):
-            blocks[(slice(None), *own)] += weight * products
+            blocks[:, own[0], own[1]] += weight * products
         blocks[self._out] = 0.0
         before = np.concatenate([np.zeros((1, width, width)), np.cumsum(blocks, axis=0)])
         behind = before[-1] - before

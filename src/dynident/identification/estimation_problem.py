@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -25,8 +23,8 @@ class Fit:
     ----------
     solution : Solution
         Estimated base parameters.
-    uncertainty : Statistics or callable
-        Their covariance, or what computes it once it is asked for.
+    statistics : Statistics
+        Their covariance.
     warnings : tuple of str
         How they came about, as far as the user has to know.
     standard : StandardParameters or None
@@ -34,14 +32,9 @@ class Fit:
     """
 
     solution: Solution
-    uncertainty: Statistics | Callable[[], Statistics]
+    statistics: Statistics
     warnings: tuple[str, ...] = ()
     standard: StandardParameters | None = None
-
-    @cached_property
-    def statistics(self) -> Statistics:
-        """Covariance of the estimates."""
-        return self.uncertainty if isinstance(self.uncertainty, Statistics) else self.uncertainty()
 
 
 class ProblemChoices(Protocol):

@@ -7,7 +7,6 @@ robot: instrumental variables, output error (DIDIM) and a Kalman filter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 from dynident.identification.methods.base_classes import Estimator
@@ -75,7 +74,7 @@ class Ordinary(Estimator):
         from dynident.identification.estimation_problem import Fit
 
         solution = solve_ordinary(problem.data.equations, problem.known)
-        return Fit(solution, partial(statistics, problem.data.equations, solution, problem.covariance))
+        return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class Weighted(Estimator):
         from dynident.identification.estimation_problem import Fit
 
         solution = solve_weighted(problem.data.equations, problem.known)
-        return Fit(solution, partial(statistics, problem.data.equations, solution, problem.covariance))
+        return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
 
 
 @dataclass(frozen=True)
