@@ -39,7 +39,7 @@ def test_free_motion_under_given_torque_is_that_of_the_articulated_body_algorith
     start = Reference(motion.t[:1], q[None].copy(), dq[None].copy(), ddq[None])
     # As many starts as are taken side by side, and one by itself.
     several, _ = VirtualRobot(ROBOT).move_freely([start] * 5, np.repeat(tau[:, None], 5, axis=1), 1e-3)
-    alone, _ = VirtualRobot(ROBOT).move_freely([start], tau[:, None], 1e-3, kept=np.arange(0, len(tau), 7))
+    alone, _ = VirtualRobot(ROBOT).move_freely([start], tau[:, None], 1e-3, returned=np.arange(0, len(tau), 7))
     found = several[:, 4]
     np.testing.assert_allclose(alone[:, 0], found[::7], rtol=1e-9)
     for row in tau:

@@ -165,7 +165,7 @@ class _SpanSearch:
             whole[1:, own[0], own[1]] = np.cumsum(products, axis=0)
         return sums
 
-    def _bound_rest_squares(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _compute_rest_bounds(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the least squared residuals (s + 1,) of the blocks before each border, and of those behind it."""
         width = self._total.shape[1]
         blocks = np.zeros((len(self._run), width, width))
@@ -233,7 +233,7 @@ class _SpanSearch:
             if number == 0:
                 # One solution for both sides of a window leaves at least what a solution for each side leaves. These
                 # are some dozens instead of hundreds, and mostly tell that no window stands out.
-                before, behind = self._bound_rest_squares(weights)
+                before, behind = self._compute_rest_bounds(weights)
                 bound = np.maximum(before[ends[:, 0]] + behind[ends[:, 1]], least)
                 if np.all(np.maximum(whole - bound, 0.0) / inside < _CLEARLY * ratio * bound / freedom):
                     return None

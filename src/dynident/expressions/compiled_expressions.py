@@ -262,12 +262,12 @@ class Recurrence:
         self._serialised = function.serialize()
 
     @cached_property
-    def _compiled(self) -> Compiled:
+    def _scalar_code(self) -> Compiled:
         # One lane: a step needs the result of the step before, so that none can be taken side by side.
         return _compile(self._serialised, self._sizes, 1)
 
     @cached_property
-    def _compiled_for_many(self) -> Compiled:
+    def _vector_code(self) -> Compiled:
         return _compile(self._serialised, self._sizes, _LANES)
 
     def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -304,7 +304,7 @@ class Recurrence:
         table[0, :n_state] = state
         if m:
             others = [np.ascontiguousarray(item, np.float64) for item in (inputs, constants)]
-            self._compiled.run(m, table[1:], [table[:-1, :n_state], *others])
+            self._scalar_code.run(m, table[1:], [table[:-1, :n_state], *others])
         return table[-1, :n_state].copy(), table[1:, n_state:]
 
     def run_many(self, states: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -339,7 +339,7 @@ class Recurrence:
         table = np.empty((m + 1, k, self._width))
         table[0, :, :n_state] = states
         # Code for several lanes cannot take fewer states than it has lanes.
-        compiled = self._compiled_for_many if k >= _LANES else self._compiled
+        compiled = self._vector_code if k >= _LANES else self._scalar_code
         every, same = (np.ascontiguousarray(item, np.float64) for item in (inputs, constants))
         for before, after, given in zip(table[:-1], table[1:], every, strict=True):
             compiled.run(k, after, [before[:, :n_state], given, same])

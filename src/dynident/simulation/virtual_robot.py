@@ -260,7 +260,7 @@ class VirtualRobot:
         *,
         memory: FloatArray | None = None,
         runs: Sequence[str] = (),
-        kept: IndexArray | None = None,
+        returned: IndexArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Integrate the equation of motion under given torques, without a controller, from k starts side by side.
 
@@ -277,7 +277,7 @@ class VirtualRobot:
             States of the hysteresis at the starts, in the order of the model's signals; relaxed where left out.
         runs : sequence of str, optional
             Label of the run of each, for effects that act in some runs alone.
-        kept : (r,), optional
+        returned : (r,), optional
             Numbers of the steps to return, ascending; all by default.
 
         Returns
@@ -286,7 +286,7 @@ class VirtualRobot:
             Positions and velocities.
         """
         n, (steps, count) = self.robot.n, tau.shape[:2]
-        kept = np.arange(steps) if kept is None else kept
+        returned = np.arange(steps) if returned is None else returned
         states = np.array([build_first_state(self.dynamics, s.q[0], s.dq[0], s.ddq[0], h) for s in starts])
         if memory is not None:
             # The state is [q, v, a, q_last, z, directions], so that the hysteresis follows four entries a joint.
@@ -294,7 +294,7 @@ class VirtualRobot:
         first = np.array([start.t[0] for start in starts])
         warm = np.array([np.zeros(n) if start.temperature is None else start.temperature[0] for start in starts])
         present = np.array([self._mark_present_runs(run) for run in runs or [""] * count])
-        out = np.empty((len(kept), count, 2 * n))
+        out = np.empty((len(returned), count, 2 * n))
         # Chunks bound the memory.
         for begin in range(0, steps, _FREE_CHUNK):
             chunk = tau[begin : begin + _FREE_CHUNK]
@@ -304,8 +304,8 @@ class VirtualRobot:
             inputs[:, :, 3 * n] = first + h * np.arange(begin, begin + len(chunk))[:, None]
             inputs[:, :, 3 * n + 1 : 4 * n + 1], inputs[:, :, 4 * n + 1 :] = warm, present
             states, samples = self._step.run_many(states, inputs, h, np.zeros(n), np.zeros(n))
-            ends = np.searchsorted(kept, [begin, begin + len(chunk)])
-            out[slice(*ends)] = samples[kept[slice(*ends)] - begin, :, : 2 * n]
+            ends = np.searchsorted(returned, [begin, begin + len(chunk)])
+            out[slice(*ends)] = samples[returned[slice(*ends)] - begin, :, : 2 * n]
         return out[:, :, :n], out[:, :, n:]
 
     @property

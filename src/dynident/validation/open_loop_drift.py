@@ -316,7 +316,7 @@ def _simulate_without_control(
             _STEP,
             memory=np.array(memories),
             runs=[motion.label for motion, _ in starts],
-            kept=rows,
+            returned=rows,
         )
         off = np.stack([q, dq]).swapaxes(1, 2) - measured[:2, :, : len(rows)]
     # A state that is no number has diverged: infinitely far, and not missing.
