@@ -12,6 +12,8 @@ _YOUNG = 20_000
 """Objects between garbage collections, some megabytes. With Python's 700, collections take 0.2 s while packages are
 imported, and find nothing.
 """
+_OLDER = 100
+"""Collections of new objects between those that look at older ones, too; with Python's 10 these take as long again."""
 
 
 def main() -> None:
@@ -24,7 +26,7 @@ def main() -> None:
         from dynident_service.environment_secrets import hide_secrets
 
         hide_secrets()  # first of all, as it starts the program again
-    gc.set_threshold(_YOUNG)
+    gc.set_threshold(_YOUNG, _OLDER)
     try:
         from dynident_cli.program_and_exit_codes import create_application
     except ModuleNotFoundError as missing:

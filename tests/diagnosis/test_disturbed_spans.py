@@ -9,7 +9,7 @@ from support.hidden_effects import WITH_OFFSET
 from support.oracles import FloatArray, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import Diagnosis, diagnose
-from dynident.estimation import FactorAccumulator, find_outlying_spans
+from dynident.estimation import FactorAccumulator, find_outlying_spans, outlying_spans
 from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.recordings import Recording
 from dynident.robot import Robot, to_pinocchio
@@ -195,3 +195,39 @@ def test_a_span_in_which_alone_a_joint_moves_is_not_left_out():
     model = identify(robot, [recording], [], IdentificationChoices(WITH_OFFSET))
     # What is left without these seconds determines nothing of the last joint: the diagnosis looks at all there is.
     assert diagnose(model, [recording]).residual_rms.shape == (robot.n,)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+@pytest.mark.parametrize("ratio", [2.0, 5.0, 25.0])
+def test_bounds_of_all_spans_hide_none(size, ratio, monkeypatch):
+    """Spans that the bounds rule out are those that solving without each of them rules out."""
+    rng = np.random.default_rng(int(100 * size + ratio))
+    accumulator = FactorAccumulator([np.arange(5), np.arange(2, 8)], 8, 1.0)
+    for segment in range(2):
+        t = np.arange(0.0, 12.0, 0.05) + 100.0 * segment
+        disturbed = (t > 3.0) & (t < 6.5) & (segment == 0)
+        rows = []
+        for columns in (np.arange(5), np.arange(2, 8)):
+            w = rng.normal(size=(len(t), len(columns)))
+            y = w @ np.linspace(-1.0, 1.0, 8)[columns] + 0.1 * rng.normal(size=len(t)) * (1.0 + size * disturbed)
+            rows.append(np.column_stack([w, y]))
+        accumulator.push(t, rows)
+        accumulator.end_block()
+    reduction = accumulator.finish()
+    found = find_outlying_spans(reduction, ratio)
+    monkeypatch.setattr(outlying_spans, "_CLEARLY", 0.0)
+    solved = find_outlying_spans(reduction, ratio)
+    assert [(span.first, span.last) for span in found.spans] == [(span.first, span.last) for span in solved.spans]
+    np.testing.assert_allclose(found.values, solved.values, rtol=1e-12)
+    if (1.0 + size) ** 2 > 2.0 * ratio:
+        assert found.spans
+
+
+def test_where_nothing_is_disturbed_no_span_is_solved_without(monkeypatch):
+    _, model, _ = case(1, untouched)
+
+    def solve(*_):
+        raise AssertionError("hundreds of windows are solved")
+
+    monkeypatch.setattr(outlying_spans._SpanSearch, "_compute_rest_squares", solve)
+    assert not find_outlying_spans(model.data.training).spans

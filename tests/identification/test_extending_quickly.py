@@ -70,6 +70,29 @@ def test_extending_gives_what_identifying_at_once_gives(kept, monkeypatch):
     assert model.worst_inertia_eigenvalue == pytest.approx(whole.worst_inertia_eigenvalue, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    "added", [(STEPS[0][0], EffectChoice("viscous_asymmetric")), (*STEPS[1], replace(STEPS[1][0], joints=(NAMES[3],)))]
+)
+def test_effects_added_together_take_one_pass_and_give_what_identifying_at_once_gives(added, monkeypatch):
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
+    alone = extend(model, added[:1], RUNS, HELD_OUT)
+    passes = []
+    reduce = row_cache.reduce_and_cache
+    place = "dynident.identification.equations.reduced_recordings.reduce_and_cache"
+    monkeypatch.setattr(place, lambda *given: passes.append(1) or reduce(*given))
+    grown = extend(model, added, RUNS, HELD_OUT)
+    assert len(passes) == 2  # over the data of the fit and over the held-out data
+    whole = identify(ROBOT, RUNS, HELD_OUT, replace(CHOICES, effects=(*PLAIN, *added)))
+    assert [step.step.added for step in grown.ladder()] == [(), added[:1], added[1:]]
+    for found, expected in ((grown, whole), (grown.step.parent, alone)):
+        deviations = expected.statistics.standard_deviations
+        np.testing.assert_allclose(found.values / deviations, expected.values / deviations, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(found.held_out.rms, expected.held_out.rms, rtol=1e-9)
+        np.testing.assert_allclose(found.fit.rms, expected.fit.rms, rtol=1e-9)
+        assert found.warnings[-1:] == expected.warnings[-1:]
+    np.testing.assert_allclose(grown.statistics.standard_deviations, whole.statistics.standard_deviations, rtol=1e-7)
+
+
 def test_rows_of_other_recordings_are_not_taken():
     model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
     model = replace(model, data=replace(model.data, digests=()))  # as of a version that did not note them

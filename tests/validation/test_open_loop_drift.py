@@ -37,7 +37,11 @@ def test_free_motion_under_given_torque_is_that_of_the_articulated_body_algorith
     q, dq, path = motion.q[0].copy(), motion.dq[0].copy(), []
     ddq = pin.aba(model, data, q, dq, tau[0]).copy()
     start = Reference(motion.t[:1], q[None].copy(), dq[None].copy(), ddq[None])
-    found, _ = VirtualRobot(ROBOT).move_freely(start, tau, 1e-3)
+    # As many starts as are taken side by side, and one by itself.
+    several, _ = VirtualRobot(ROBOT).move_freely([start] * 5, np.repeat(tau[:, None], 5, axis=1), 1e-3)
+    alone, _ = VirtualRobot(ROBOT).move_freely([start], tau[:, None], 1e-3, returned=np.arange(0, len(tau), 7))
+    found = several[:, 4]
+    np.testing.assert_allclose(alone[:, 0], found[::7], rtol=1e-9)
     for row in tau:
         path.append(q.copy())
         # Runge and Kutta's method, with the torque of the sample held.

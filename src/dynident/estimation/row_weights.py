@@ -18,7 +18,6 @@ from dynident.array_types import FloatArray
 from dynident.estimation.least_squares import EstimationError, solve_weighted
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr_decomposition import join_factors
-from dynident.estimation.residual_errors import compute_weighted_squares
 from dynident.estimation.row_groups import WeightedRows
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
@@ -131,14 +130,18 @@ def _merge_blocks(equation: EquationFactors) -> EquationFactors:
 
 def _compute_weights(coarse: Reduction, values: FloatArray) -> FloatArray:
     """Return the ratio (n,) of the mean squared residual of the other rows to that of the weighted ones, 1 at most."""
-    # With a weight of zero for the group, only the squares of the other rows remain.
-    alike = compute_weighted_squares(coarse.weight_groups(np.zeros(len(coarse.equations))), values)
     weights = []
-    for equation, squares in zip(coarse.equations, alike, strict=True):
-        grouped = 0 if equation.weighted_rows is None else int(equation.weighted_rows.counts.sum())
-        others = int(equation.counts.sum()) - grouped
-        own = 0.0 if equation.weighted_rows is None else equation.weighted_rows.sum_squares(values[equation.columns])
+    for equation in coarse.equations:
+        rows = equation.weighted_rows
+        if rows is None or not rows.count:
+            weights.append(1.0)
+            continue
+        own, others = values[equation.columns], int(equation.counts.sum()) - rows.count
+        grouped, squares = (
+            rows.sum_squares(own),
+            float(((rows.others[..., -1] - rows.others[..., :-1] @ own) ** 2).sum()),
+        )
         # One at most: these rows are never better than the others, and a smaller residual of theirs is chance.
-        has_both_kinds = grouped and others and squares > 0.0
-        weights.append(min(1.0, (squares / others) / (own / grouped)) if has_both_kinds and own > 0.0 else 1.0)
+        has_both_kinds = others and squares > 0.0 and grouped > 0.0
+        weights.append(min(1.0, (squares / others) / (grouped / rows.count)) if has_both_kinds else 1.0)
     return np.array(weights)

@@ -259,8 +259,16 @@ class Recurrence:
         outputs = ca.densify(ca.vertcat(following, sample))
         self._width = int(outputs.numel())
         function = ca.Function("step", [ca.vertcat(state, inputs, constants)], [ca.cse(outputs)])
+        self._serialised = function.serialize()
+
+    @cached_property
+    def _scalar_code(self) -> Compiled:
         # One lane: a step needs the result of the step before, so that none can be taken side by side.
-        self._compiled = _compile(function.serialize(), self._sizes, 1)
+        return _compile(self._serialised, self._sizes, 1)
+
+    @cached_property
+    def _vector_code(self) -> Compiled:
+        return _compile(self._serialised, self._sizes, _LANES)
 
     def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Step the state through m samples.
@@ -296,8 +304,46 @@ class Recurrence:
         table[0, :n_state] = state
         if m:
             others = [np.ascontiguousarray(item, np.float64) for item in (inputs, constants)]
-            self._compiled.run(m, table[1:], [table[:-1, :n_state], *others])
+            self._scalar_code.run(m, table[1:], [table[:-1, :n_state], *others])
         return table[-1, :n_state].copy(), table[1:, n_state:]
+
+    def run_many(self, states: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Step k states through m samples, side by side.
+
+        Parameters
+        ----------
+        states : (k, s)
+            The first states x_0.
+        inputs : (m, k, w)
+            Inputs u of every step.
+        constants : (c,)
+            Constants p, the same for all.
+
+        Returns
+        -------
+        states : (k, s)
+            States after the last step.
+        samples : (m, k, o)
+            What every step gives, y.
+
+        Raises
+        ------
+        ValueError
+            For states, inputs or constants of another size.
+        """
+        (m, k), n_state = inputs.shape[:2], self._sizes[0]
+        shapes = (states.shape, inputs.shape[2:], constants.shape)
+        needed = ((k, n_state), (self._sizes[1],), (self._sizes[2],))
+        if shapes != needed:
+            raise ValueError(f"states, inputs and constants of {shapes}; {needed} are needed")
+        table = np.empty((m + 1, k, self._width))
+        table[0, :, :n_state] = states
+        # Code for several lanes cannot take fewer states than it has lanes.
+        compiled = self._vector_code if k >= _LANES else self._scalar_code
+        every, same = (np.ascontiguousarray(item, np.float64) for item in (inputs, constants))
+        for before, after, given in zip(table[:-1], table[1:], every, strict=True):
+            compiled.run(k, after, [before[:, :n_state], given, same])
+        return table[-1, :, :n_state].copy(), table[1:, :, n_state:]
 
 
 # Samples that are evaluated side by side: four numbers fill a register of AVX2.

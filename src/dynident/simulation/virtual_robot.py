@@ -134,6 +134,8 @@ LONGEST_STEP = 0.25e-3
 """Longest internal step, s."""
 
 _CHUNK = 1000
+_FREE_CHUNK = 256
+"""Steps that free motions from many starts take at once; their samples are kept for so long."""
 # A joint this far from its reference (rad or m) is not following it any more.
 _LOST = 0.5
 
@@ -251,45 +253,60 @@ class VirtualRobot:
         )
 
     def move_freely(
-        self, start: Reference, tau: FloatArray, h: float, *, memory: FloatArray | None = None, run: str = ""
+        self,
+        starts: Sequence[Reference],
+        tau: FloatArray,
+        h: float,
+        *,
+        memory: FloatArray | None = None,
+        runs: Sequence[str] = (),
+        returned: IndexArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Integrate the equation of motion under given torques, without a controller.
+        """Integrate the equation of motion under given torques, without a controller, from k starts side by side.
 
         Parameters
         ----------
-        start : Reference
-            Time, position, velocity and acceleration to begin with are those of its first sample; the temperature of
-            the joints stays what it is there.
-        tau : (m, n)
+        starts : sequence of Reference
+            Time, position, velocity and acceleration to begin with are those of the first sample of each; the
+            temperature of the joints stays what it is there.
+        tau : (m, k, n)
             Torque of the drives at every step, the first one at the start.
         h : float
             Length of a step in s.
-        memory : (k,), optional
-            States of the hysteresis at the start, in the order of the model's signals; relaxed where left out.
-        run : str
-            Label of the run, for effects that act in some runs alone.
+        memory : (k, z), optional
+            States of the hysteresis at the starts, in the order of the model's signals; relaxed where left out.
+        runs : sequence of str, optional
+            Label of the run of each, for effects that act in some runs alone.
+        returned : (r,), optional
+            Numbers of the steps to return, ascending; all by default.
 
         Returns
         -------
-        q, dq : (m, n) arrays
-            Positions and velocities at every step.
+        q, dq : (r, k, n) arrays
+            Positions and velocities.
         """
-        n, steps = self.robot.n, len(tau)
-        state = build_first_state(self.dynamics, start.q[0], start.dq[0], start.ddq[0], h)
+        n, (steps, count) = self.robot.n, tau.shape[:2]
+        returned = np.arange(steps) if returned is None else returned
+        states = np.array([build_first_state(self.dynamics, s.q[0], s.dq[0], s.ddq[0], h) for s in starts])
         if memory is not None:
             # The state is [q, v, a, q_last, z, directions], so that the hysteresis follows four entries a joint.
-            state[4 * n : 4 * n + len(memory)] = memory
-        t = start.t[0] + h * np.arange(steps)
-        heat = np.zeros(n) if start.temperature is None else start.temperature[0]
-        # With gains of zero the reference does not matter, and the given torque takes the place of the feed-forward.
-        nothing = np.zeros((steps, 2 * n))
-        warm, runs = (
-            np.broadcast_to(heat, (steps, n)),
-            np.broadcast_to(self._mark_present_runs(run), (steps, self._n_runs)),
-        )
-        inputs = np.hstack([nothing, tau, t[:, None], warm, runs])
-        _, samples = self._step.run(state, inputs, h, np.zeros(n), np.zeros(n))
-        return np.asarray(samples[:, :n]), np.asarray(samples[:, n : 2 * n])
+            states[:, 4 * n : 4 * n + memory.shape[1]] = memory
+        first = np.array([start.t[0] for start in starts])
+        warm = np.array([np.zeros(n) if start.temperature is None else start.temperature[0] for start in starts])
+        present = np.array([self._mark_present_runs(run) for run in runs or [""] * count])
+        out = np.empty((len(returned), count, 2 * n))
+        # Chunks bound the memory.
+        for begin in range(0, steps, _FREE_CHUNK):
+            chunk = tau[begin : begin + _FREE_CHUNK]
+            inputs = np.zeros((len(chunk), count, 4 * n + 1 + self._n_runs))
+            # With gains of zero the reference does not matter, and the torque takes the place of the feed-forward.
+            inputs[:, :, 2 * n : 3 * n] = chunk
+            inputs[:, :, 3 * n] = first + h * np.arange(begin, begin + len(chunk))[:, None]
+            inputs[:, :, 3 * n + 1 : 4 * n + 1], inputs[:, :, 4 * n + 1 :] = warm, present
+            states, samples = self._step.run_many(states, inputs, h, np.zeros(n), np.zeros(n))
+            ends = np.searchsorted(returned, [begin, begin + len(chunk)])
+            out[slice(*ends)] = samples[returned[slice(*ends)] - begin, :, : 2 * n]
+        return out[:, :, :n], out[:, :, n:]
 
     @property
     def _n_runs(self) -> int:

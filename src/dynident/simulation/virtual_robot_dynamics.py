@@ -295,6 +295,12 @@ class Step:
         """
         return self.recurrence.run(state, inputs, np.concatenate([[h], stiffness, damping]))
 
+    def run_many(
+        self, states: FloatArray, inputs: FloatArray, h: float, stiffness: FloatArray, damping: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Run m steps from each of k states (k, s) side by side, with inputs (m, k, w); samples are (m, k, 4 n)."""
+        return self.recurrence.run_many(states, inputs, np.concatenate([[h], stiffness, damping]))
+
 
 def build_first_state(dynamics: Dynamics, q: FloatArray, dq: FloatArray, ddq: FloatArray, h: float) -> FloatArray:
     """Return the state of a run that begins with a given motion.

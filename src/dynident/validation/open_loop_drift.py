@@ -243,13 +243,12 @@ def simulate_open_loop(
     sensing = simulator.robot.sensing
     driven = [replace(m, tau=sensing.recover_motor_torque(m.reference, m.tau, m.label)) for m in motions]
     starts = choose_drift_starts(driven, tuple(ascending), most)
-    outcomes: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    for motion, start in starts:
-        progress(len(outcomes) / len(starts), "simulating without a controller")
-        outcomes.append(_simulate_without_control(simulator, motion, start, tuple(ascending)))
-    if not outcomes:
+    if not starts:
         return None
-    position, velocity, way = (np.array(values)[:, columns] for values in zip(*outcomes, strict=True))
+    progress(0.0, "simulating without a controller")
+    position, velocity, way = (
+        values[:, columns] for values in _simulate_without_control(simulator, starts, tuple(ascending))
+    )
     return position, velocity, way
 
 
@@ -276,33 +275,61 @@ def _list_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[in
 
 
 def _simulate_without_control(
-    simulator: Simulator, motion: RecordedMotion, start: int, horizons: tuple[float, ...]
+    simulator: Simulator, starts: Sequence[tuple[RecordedMotion, int]], horizons: tuple[float, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return how far the simulated robot is off in position and velocity, and how far the real one moved: (h, n)."""
-    whole, robot = motion.reference, simulator.robot
-    here = whole.t[start]
+    """Return how far simulated robots are off in position and velocity, and how far the real one moved: (k, h, n)."""
+    robot, signals = simulator.robot, simulator.robot.dynamics.signals
     # A sample's time may be off by rounding; a horizon that ends there is there.
-    after = np.array([horizon for horizon in horizons if here + horizon <= whole.t[-1] + 1e-9])
-    t = here + _STEP * np.arange(round(after[-1] / _STEP) + 1)
-    tau = np.column_stack([np.interp(t, whole.t, column) for column in motion.tau.T])
-    heat = None if whole.temperature is None else whole.temperature[start:]
-    rest = replace(
-        whole, t=whole.t[start:], q=whole.q[start:], dq=whole.dq[start:], ddq=whole.ddq[start:], temperature=heat
-    )
-    signals = robot.dynamics.signals
-    # Presliding friction and backlash depend on the path before the start, so their states are carried along up to it.
-    memory = MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1]
+    counts = [
+        int(np.count_nonzero(motion.reference.t[start] + np.array(horizons) <= motion.reference.t[-1] + 1e-9))
+        for motion, start in starts
+    ]
+    rows = np.rint(np.array(horizons[: max(counts)]) / _STEP).astype(np.intp)
+    after = _STEP * np.arange(rows[-1] + 1)
+    references, torques, memories = [], [], []
+    measured = np.full((3, len(starts), len(horizons), robot.robot.n), np.nan)
+    for k, ((motion, start), count) in enumerate(zip(starts, counts, strict=True)):
+        whole = motion.reference
+        t = whole.t[start] + after
+        # Beyond the end of a motion the last torque is held; what is simulated there is not used.
+        torques.append(_interpolate(t, whole.t, motion.tau))
+        heat = None if whole.temperature is None else whole.temperature[start:]
+        references.append(
+            replace(
+                whole,
+                t=whole.t[start:],
+                q=whole.q[start:],
+                dq=whole.dq[start:],
+                ddq=whole.ddq[start:],
+                temperature=heat,
+            )
+        )
+        # Presliding friction and backlash depend on the path before the start, so their states are carried along up to
+        # it.
+        memories.append(MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1])
+        q, dq = (_interpolate(t[rows[:count]], whole.t, signal) for signal in (whole.q, whole.dq))
+        measured[:, k, :count] = q, dq, q - whole.q[start]
     with np.errstate(all="ignore"):
-        q, dq = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
-    rows = np.rint(after / _STEP).astype(np.intp)
-    measured, velocity = (
-        np.column_stack([np.interp(t[rows], whole.t, column) for column in signal.T]) for signal in (whole.q, whole.dq)
-    )
+        q, dq = robot.move_freely(
+            references,
+            np.stack(torques, axis=1),
+            _STEP,
+            memory=np.array(memories),
+            runs=[motion.label for motion, _ in starts],
+            returned=rows,
+        )
+        off = np.stack([q, dq]).swapaxes(1, 2) - measured[:2, :, : len(rows)]
     # A state that is no number has diverged: infinitely far, and not missing.
-    away, faster = (np.nan_to_num(difference, nan=np.inf) for difference in (q[rows] - measured, dq[rows] - velocity))
-    missing = np.full((len(horizons) - len(after), whole.q.shape[1]), np.nan)
-    moved = measured - whole.q[start]
-    return np.vstack([away, missing]), np.vstack([faster, missing]), np.vstack([moved, missing])
+    differences = np.full_like(measured[:2], np.nan)
+    differences[:, :, : len(rows)] = np.where(
+        np.isnan(measured[:2, :, : len(rows)]), np.nan, np.nan_to_num(off, nan=np.inf)
+    )
+    return differences[0], differences[1], measured[2]
+
+
+def _interpolate(t: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
+    """Return values (m, n), which are known at some times, at other times."""
+    return np.column_stack([np.interp(t, known, column) for column in values.T])
 
 
 def _compute_rms(values: FloatArray) -> FloatArray:

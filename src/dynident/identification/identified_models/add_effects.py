@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, takewhile
 
 import numpy as np
 
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
+from dynident.estimation import solve_weighted
 from dynident.estimation.residual_errors import compute_t
+from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.model_and_data_checks import check_recordings, check_runs, check_temperature
 from dynident.identification.equations.reduced_recordings import reduce_torque, split_friction_tests
 from dynident.identification.identified_models.fit_model import identify_model
@@ -21,12 +24,14 @@ from dynident.identification.identified_models.held_out_gain import (
 )
 from dynident.identification.identified_models.identification_result import Identification, LadderStep
 from dynident.identification.identified_models.identify_from_recordings import add_digests, check_same_recordings
-from dynident.identification.shape_search import check_shapes_given, complete_shapes
+from dynident.identification.identified_models.remove_and_solve_again import solve_submodel
+from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
+from dynident.regressors.row_phases import have_same_instants
 
 
 @dataclass(frozen=True)
@@ -183,15 +188,20 @@ def extend(
     check_same_recordings(identification, recordings)
     if are_poses(recordings, validation):
         return _extend_at_rest(identification, new, recordings, validation)
-    # One effect after the other, so that each step of the ladder shows what its effect is worth.
-    grown, idle = identification, []
-    for number, choice in enumerate(new):
-        step_progress = scale_progress(progress, number / len(new), (number + 1) / len(new))
-        larger = _add_effect(grown, choice, recordings, validation, step_progress)
-        if larger is None:
-            idle.append(choice.effect)
+    # One step for each effect, so that each step of the ladder shows what its effect is worth.
+    grown, idle, done = identification, [], 0
+    while done < len(new):
+        step_progress = scale_progress(progress, done / len(new), 1.0)
+        together = _list_for_one_pass(identification, new[done:], validation)
+        count = max(len(together), 1)
+        if together:
+            larger, useless, count = _add_together(grown, together, recordings, validation, step_progress)
+            idle += useless
         else:
-            grown = larger
+            larger = _add_effect(grown, new[done], recordings, validation, step_progress)
+            idle += [] if larger is not None else [new[done].effect]
+        grown = larger or grown
+        done += count
     # Nothing was added by any of them: an error, since the user would look for a new model.
     if grown is identification:
         raise DynidentError(
@@ -266,6 +276,85 @@ def _extend_at_rest(
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     grown = identify_poses(identification.model.robot, recordings, validation, choices)
     return replace(grown, step=LadderStep(identification, added=new))
+
+
+def _list_for_one_pass(
+    identification: Identification, added: Sequence[EffectChoice], validation: Sequence[Recording]
+) -> tuple[EffectChoice, ...]:
+    """Return the first effects, as far as one pass over the samples does for all: none depends on a fit with others."""
+    choices = identification.choices
+    if not (choices.model == "dynamic" and choices.solver.from_reduced and choices.plan.from_reduced):
+        return ()
+    return tuple(
+        takewhile(
+            lambda choice: (
+                not (
+                    lacks_shape(choice)
+                    or get_effect(choice.effect).first_order
+                    or needs_search_in_held_out_runs(choice, validation)
+                )
+            ),
+            added,
+        )
+    )
+
+
+def _add_together(
+    identification: Identification,
+    added: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    progress: Progress,
+) -> tuple[Identification | None, list[str], int]:
+    """Add effects in one pass over the samples, one step each: the steps before the last have its leading columns.
+
+    Returns
+    -------
+    Identification or None, list of str, int
+        The largest model, None where nothing was added; effects that add nothing; and how many effects were looked at.
+        Those that would take other instants out of the rows are left for another pass.
+    """
+    tolerance = identification.choices.tolerance
+    steps: list[tuple[EffectChoice, Model]] = []
+    idle, count = [], 0
+    for choice in added:
+        before = steps[-1][1] if steps else identification.model
+        model = extend_model(before, (choice,), tolerance=tolerance)
+        if model.n_parameters == before.n_parameters:
+            idle.append(choice.effect)
+        elif steps and not have_same_instants(before.observation, model.observation):
+            break
+        else:
+            steps.append((choice, model))
+        count += 1
+    if not steps:
+        return None, idle, count
+    effects = [*accumulate(((choice,) for choice, _ in steps), initial=identification.choices.effects)][1:]
+    choices = [replace(identification.choices, effects=each) for each in effects]
+    largest = steps[-1][1]
+    # As in an identification from scratch, least squares without the effects that need loads predict these for all.
+    predicted = identification.estimate.reference
+    if largest.needs_load and not identification.model.needs_load:
+        known = build_prior(identification.model, identification.choices.trust)
+        solution = solve_weighted(identification.data.equations, known)
+        predicted = identification.model.build_reference(solution.values)
+    grown = identify_model(
+        largest,
+        recordings,
+        validation,
+        choices[-1],
+        identification.preprocessing,
+        predicted,
+        progress,
+        identification.in_memory,
+    )
+    below = identification
+    for (choice, model), chosen in zip(steps, choices, strict=True):
+        leading = np.eye(largest.n_parameters, model.n_parameters)
+        larger = grown if model is largest else solve_submodel(grown, model, chosen, leading)
+        larger = replace(larger, step=LadderStep(below, added=(choice,)))
+        below = replace(larger, warnings=list_addition_warnings(larger) + larger.warnings)
+    return below, idle, count
 
 
 def _add_effect(

@@ -306,13 +306,36 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     remaining = subtract_effects(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=remaining)
     model, weights = build_submodel(known, remaining, choices.tolerance)
-    data = identification.data.combine_columns(weights)
-    shaped = combine_shapes(identification, remaining, weights)
-    to_solve = data.to_data(identification.estimate.reference)
-    smaller = finalise_identification(
-        model, choices, to_solve, data, SubmodelRelation(known, weights), lambda _: shaped
-    )
+    smaller = solve_submodel(identification, model, choices, weights)
     return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
+
+
+def solve_submodel(
+    identification: Identification, model: Model, choices: IdentificationChoices, weights: FloatArray
+) -> Identification:
+    """Solve for a smaller model from the reduced data of a larger one.
+
+    Parameters
+    ----------
+    identification : Identification
+        The larger model.
+    model : Model
+        The smaller one.
+    choices : IdentificationChoices
+        Those of the smaller one.
+    weights : (b, b')
+        The smaller model's columns are the larger one's times these.
+
+    Returns
+    -------
+    Identification
+        The smaller model, without a step of a ladder.
+    """
+    data = identification.data.combine_columns(weights)
+    shaped = combine_shapes(identification, choices.effects, weights)
+    to_solve = data.to_data(identification.estimate.reference)
+    relation = SubmodelRelation(identification.model, weights)
+    return finalise_identification(model, choices, to_solve, data, relation, lambda _: shaped)
 
 
 def subtract_effects(

@@ -394,7 +394,8 @@ class TreeFit:
         of_joints = []
         for joint, (positions, _) in enumerate(self._layout):
             at = np.flatnonzero(moves[:, joint])
-            of_joints.append((at, entries[at[:, None], positions]))
+            # Several times as fast as one index of rows and columns.
+            of_joints.append((at, np.take(entries, positions, axis=1, mode="clip")[at]))
         return self._add_inner_products(own, of_joints)
 
     def _add_inner_products(self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray]]) -> _MotionRows:
@@ -460,9 +461,11 @@ def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray
 
 def _multiply_by_torque(motion: Motion, joint: int, at: IntArray, rows: FloatArray) -> FloatArray:
     """Return [Wᵀτ τᵀτ] (blocks + 1, p + 1) of a joint in each block, and in all."""
-    both = np.column_stack([rows, motion.tau[at, joint]])
-    products = np.stack([both[part, -1] @ both[part] for part in _list_blocks(motion, at)])
-    return np.vstack([products, products.sum(axis=0)])
+    tau, products = motion.tau[at, joint], np.empty((BLOCKS + 1, rows.shape[1] + 1))
+    for k, part in enumerate(_list_blocks(motion, at)):
+        products[k, :-1], products[k, -1] = tau[part] @ rows[part], tau[part] @ tau[part]
+    products[-1] = products[:-1].sum(axis=0)
+    return products
 
 
 def _list_blocks(motion: Motion, at: IntArray) -> list[slice]:
@@ -484,7 +487,7 @@ def _compute_weights(noise: FloatArray) -> FloatArray:
 
 def find_moving_joints(motion: Motion) -> BoolArray:
     """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
-    return np.asarray(~find_joints_at_rest(motion.dq) & (np.ptp(motion.tau, axis=0) > 0))
+    return np.asarray(~find_joints_at_rest(motion.dq) & (motion.tau != motion.tau[:1]).any(axis=0))
 
 
 def find_joints_at_rest(dq: FloatArray) -> BoolArray:
