@@ -344,12 +344,12 @@ def _differentiate_rows(
         joined = q if held is None else np.concatenate([held, q])
         both = _differentiate(joined, recording.sampling_rate, with_first=first, with_last=last)
         # Behind the positions stand those that the acceleration is made of, if these are others.
-        inner = *(each[:, :n] for each in both[:2]), both[2][:, -n:], *(each[:, :n] for each in both[3:])
+        own, dq, ddq, dddq, ddddq = both[0][:, :n], both[1][:, :n], both[2][:, -n:], both[3][:, :n], both[4][:, :n]
         # Of the four rows that stay two are still to be given; the other two were, and are their left neighbours.
-        held = joined[-2 * _REACH :] if len(inner[0]) else joined
-        first = first and not len(inner[0])
-        if len(inner[0]) or not len(q):
-            yield _Rows(*inner, _take_rows(passing, len(inner[0]))), last
+        held = joined[-2 * _REACH :] if len(own) else joined
+        first = first and not len(own)
+        if len(own) or not len(q):
+            yield _Rows(own, dq, ddq, dddq, ddddq, _take_rows(passing, len(own))), last
 
 
 def _filter_twice(wide: Iterable[tuple[FloatArray, bool]], narrow: ZeroPhase) -> Iterator[tuple[FloatArray, bool]]:
