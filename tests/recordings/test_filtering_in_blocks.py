@@ -90,6 +90,19 @@ def test_a_slow_cutoff_at_a_fast_clock_needs_no_more_than_the_overlap():
     assert np.abs(got["q"] - wanted).max() < 1e-9 * np.abs(wanted).max()
 
 
+def test_the_acceleration_may_pass_a_wider_filter_than_the_other_derivatives():
+    t, q, tau = random_walk(30_000)
+    recording = recording_from_arrays(t, q, tau, joint_names=("a", "b"))
+    recording = replace(recording, source=Pieces(q, tau, 900))
+    got = joined(recording, Preprocessing(8.0, 6.0), acceleration_cutoff=18.0)
+    rate = recording.sampling_rate
+    wide = reference(q, rate, 18.0, 4)
+    wanted = reference(wide[0], rate, 8.0, 4)
+    inner = slice(2, -2)
+    for name, values in zip(("q", "dq", "ddq"), (*wanted[:2], wide[2]), strict=True):
+        assert np.abs(got[name][inner] - values[inner]).max() <= 1e-8 * np.abs(values[inner]).max()
+
+
 def test_derivatives_are_those_of_a_known_motion():
     t = np.arange(4000) / 500.0
     w = 2 * np.pi * 0.7

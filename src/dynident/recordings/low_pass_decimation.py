@@ -301,6 +301,9 @@ def stream_samples(
 ) -> Iterator[Samples]:
     """Stream `values` of every block of filtered positions; of a large recording the next block is prepared ahead.
 
+    W is linear in the acceleration, so that the parallel filter takes away its noise. The filter of the positions must
+    not take away its signal before: inertias would come out too large.
+
     Parameters
     ----------
     recording : Recording
@@ -317,6 +320,7 @@ def stream_samples(
     Samples
         Empty where a recording under way has no more for now.
     """
+    wide = preprocessing.find_acceleration_cutoff(recording.sampling_rate)
     samples = (
         Samples(
             block.segment,
@@ -325,7 +329,7 @@ def stream_samples(
             block.used,
             values(block) if len(block.t) else np.empty((0, 0)),
         )
-        for whole in filtered_blocks(recording, preprocessing, segments=segments)
+        for whole in filtered_blocks(recording, preprocessing, segments=segments, acceleration_cutoff=wide)
         for block in whole.split(max(_LEAST_AT_ONCE, _NUMBERS_AT_ONCE // max(width, 1)))
     )
     return prefetch(samples, recording.n_samples)

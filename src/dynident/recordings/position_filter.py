@@ -218,6 +218,7 @@ def filtered_blocks(
     *,
     block_length: int = 4096,
     segments: Sequence[int] | None = None,
+    acceleration_cutoff: float | None = None,
 ) -> Iterator[SampleBlock]:
     """Stream a recording through the position filter and the central differences.
 
@@ -238,6 +239,8 @@ def filtered_blocks(
         Longest block to give; memory is bounded by it and by the filter's memory, not by the recording.
     segments : sequence of int or None
         Which segments, by index; None: all. Nothing is ever filtered across their ends.
+    acceleration_cutoff : float or None
+        Cut-off in Hz of the filter that the acceleration passes, above that of the positions; None: the same filter.
 
     Yields
     ------
@@ -248,7 +251,7 @@ def filtered_blocks(
     for index in range(len(recording.segments)) if segments is None else segments:
         segment = recording.segments[index]
         if segment.length:
-            yield from _segment_blocks(recording, index, segment, preprocessing, block_length)
+            yield from _segment_blocks(recording, index, segment, preprocessing, block_length, acceleration_cutoff)
 
 
 def compute_edge_margin(preprocessing: Preprocessing, rate: float) -> int:
@@ -272,11 +275,16 @@ def compute_edge_margin(preprocessing: Preprocessing, rate: float) -> int:
 
 
 def _segment_blocks(
-    recording: Recording, index: int, segment: Segment, preprocessing: Preprocessing, block_length: int
+    recording: Recording,
+    index: int,
+    segment: Segment,
+    preprocessing: Preprocessing,
+    block_length: int,
+    acceleration_cutoff: float | None,
 ) -> Iterator[SampleBlock]:
     margin = compute_edge_margin(preprocessing, recording.sampling_rate)
     done = 0
-    for rows, last in _differentiate_rows(recording, segment, preprocessing):
+    for rows, last in _differentiate_rows(recording, segment, preprocessing, acceleration_cutoff):
         measured = rows.measured
         # All rows but the last ones of a segment are farther from its end than the margin: the filters look ahead so
         # far. Of a recording under way the end is not known before.
@@ -305,7 +313,7 @@ def _segment_blocks(
 
 
 def _differentiate_rows(
-    recording: Recording, segment: Segment, preprocessing: Preprocessing
+    recording: Recording, segment: Segment, preprocessing: Preprocessing, acceleration_cutoff: float | None
 ) -> Iterator[tuple[_Rows, bool]]:
     """Yield runs of consecutive rows, positions and derivatives beside the torque of the same samples; the last one."""
     passing: deque[StoredRows] = deque()
@@ -315,27 +323,48 @@ def _differentiate_rows(
             passing.append(rows)
             yield rows.q, last
 
-    length = READ_LENGTH
-    if preprocessing.position_cutoff is None:
+    length, cutoff, n = READ_LENGTH, preprocessing.position_cutoff, recording.n
+    if cutoff is None:
         filtered = read_positions()
     else:
-        zero_phase = ZeroPhase(recording.sampling_rate, preprocessing.position_cutoff, preprocessing.filter_order)
+        zero_phase = ZeroPhase(recording.sampling_rate, cutoff, preprocessing.filter_order)
         # The backward pass repeats its look-ahead with every run: in runs much shorter than that it would do little
         # else.
         length = max(length, 2 * zero_phase.lookahead)
-        filtered = zero_phase.stream(read_positions())
+        if acceleration_cutoff is None:
+            filtered = zero_phase.stream(read_positions())
+        else:
+            wide = ZeroPhase(recording.sampling_rate, acceleration_cutoff, preprocessing.filter_order)
+            filtered = _filter_twice(wide.stream(read_positions()), zero_phase)
 
     # Two samples are held back at each border: their right neighbours come with the next run.
-    held = np.empty((0, recording.n))
+    held: FloatArray | None = None
     first = True
     for q, last in filtered:
-        joined = np.concatenate([held, q])
-        inner = _differentiate(joined, recording.sampling_rate, with_first=first, with_last=last)
+        joined = q if held is None else np.concatenate([held, q])
+        both = _differentiate(joined, recording.sampling_rate, with_first=first, with_last=last)
+        # Behind the positions stand those that the acceleration is made of, if these are others.
+        own, dq, ddq, dddq, ddddq = both[0][:, :n], both[1][:, :n], both[2][:, -n:], both[3][:, :n], both[4][:, :n]
         # Of the four rows that stay two are still to be given; the other two were, and are their left neighbours.
-        held = joined[-2 * _REACH :] if len(inner[0]) else joined
-        first = first and not len(inner[0])
-        if len(inner[0]) or not len(q):
-            yield _Rows(*inner, _take_rows(passing, len(inner[0]))), last
+        held = joined[-2 * _REACH :] if len(own) else joined
+        first = first and not len(own)
+        if len(own) or not len(q):
+            yield _Rows(own, dq, ddq, dddq, ddddq, _take_rows(passing, len(own))), last
+
+
+def _filter_twice(wide: Iterable[tuple[FloatArray, bool]], narrow: ZeroPhase) -> Iterator[tuple[FloatArray, bool]]:
+    """Yield samples (k, 2 n) of a stream behind a further filter, each beside itself before that filter."""
+    before: list[FloatArray] = []
+
+    def read_wide() -> Iterator[tuple[FloatArray, bool]]:
+        for q, last in wide:
+            before.append(q)
+            yield q, last
+
+    for q, last in narrow.stream(read_wide()):
+        waiting = np.concatenate(before)
+        before[:] = [waiting[len(q) :]]
+        yield np.hstack([q, waiting[: len(q)]]), last
 
 
 def _differentiate(

@@ -34,11 +34,12 @@ LEAST_HARMONICS = 4.0
 
 WIDER, WIDER_NOISE_SHARE = 1.4, 0.01
 """The position cut-off over the torque's, where noise is so small a share of the acceleration even there. What the
-filter of the positions takes away below the torque's cut-off lacks in W, while the torque has it: half of it at the
-cut-off itself, or 6 % where theirs lies half an octave higher. Of machines whose joints break loose that is most of
-the error. Inertias still come out too large: of a virtual SCARA with little noise by 0.6 %, three times their standard
-deviation. An octave would mend that, but lets more noise in: a passive joint of a machine that sticks keeps 36 % more
-than its noise, and the recorded UR10 is predicted worse."""
+filter of the positions takes away below the torque's cut-off lacks in velocities, while the torque has it: half of it
+at the cut-off itself, or 6 % where theirs lies half an octave higher."""
+
+ACCELERATION = 3.0
+"""Cut-off of the acceleration over the torque's, at least. The parallel filter stops at 1.5 times its cut-off, where
+this filter takes away 0.4 %. With the filter of the positions, inertias of a virtual SCARA come out 0.4 % too large."""
 
 NYQUIST_SHARE = 0.7
 """A cut-off nearer to the Nyquist frequency filters nothing."""
@@ -392,6 +393,19 @@ class Preprocessing:
     def __post_init__(self) -> None:
         # Filters that were chosen keep to the ranges of those that are asked for.
         Filters(**{name: getattr(self, name) for name in FIELDS})
+
+    def find_acceleration_cutoff(self, rate: float) -> float | None:
+        """Return the cut-off of the acceleration's own filter, Hz; None where it passes that of the positions.
+
+        Parameters
+        ----------
+        rate : float
+            Sampling rate in Hz.
+        """
+        if self.position_cutoff is None or self.torque_cutoff is None:
+            return None
+        cutoff = min(ACCELERATION * self.torque_cutoff, NYQUIST_SHARE * 0.5 * rate)
+        return cutoff if cutoff > self.position_cutoff else None
 
     def check_against(self, rate: float) -> None:
         """Raise `RecordingError` where a value is impossible at this sampling rate (Hz)."""
