@@ -326,6 +326,8 @@ def fit_torque_unit(guess: UnitGuess, effort: EffortGuess) -> tuple[UnitGuess, E
 
 _NO_ALIAS = ("N m", "mN m", "kN m", "N cm", "kgf m", "kgf cm", "lbf ft", "lbf in", "ozf in")
 """Units of torque that are tried, each size once."""
+_MIXED = ("N m", "mN m")
+"""Units that one file has side by side, where small joints have drives of their own."""
 
 
 def _match_description(guess: UnitGuess, scales: TorqueScales) -> UnitGuess:
@@ -338,11 +340,11 @@ def _match_description(guess: UnitGuess, scales: TorqueScales) -> UnitGuess:
         return guess if guess.confidence >= SURE else UnitGuess(guess.unit, 0.85, reason)
     if near[:1] == ["N m"]:
         return UnitGuess("N m", 0.85, "in N m its size matches the inertias of the description")
-    most = max(_NO_ALIAS, key=lambda unit: scales.count_near(MOMENTS[unit]))
-    if not near and 2 * scales.count_near(MOMENTS[most]) > max(np.count_nonzero(scales.trusted), 2):
-        # The others are in another unit, which the check of scales names.
-        reason = f"in {most} the size of most joints' torques matches the inertias of the description"
-        return UnitGuess(most, 0.85, reason)
+    counts = {unit: scales.count_near(MOMENTS[unit]) for unit in _MIXED}
+    if not near and min(counts.values()) > 0 and sum(counts.values()) == np.count_nonzero(scales.trusted):
+        # Some joints are in each of these; the check of scales names those in the rarer one.
+        most = max(_MIXED, key=lambda unit: counts[unit])
+        return UnitGuess(most, 0.85, f"in {most} most joints' torques match the inertias of the description")
     if not near and guess.unit == "N m":
         return guess
     # An unusual unit has to be borne out by the masses.

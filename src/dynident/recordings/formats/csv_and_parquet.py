@@ -209,7 +209,7 @@ class CsvFileSource(FileSource):
         self.clocks = self._dialect.clocks
         self.stated_rate = _find_stated_rate(content.read_start(dialect_bytes), self._dialect.lines_before_data)
         self._worded: set[str] = set()
-        self._changes: set[str] = set()
+        self._changes: set[object] = set()
         self._odd_rows = _OddRows(len(self._dialect.names))
         for name, cells in self._dialect.texts.items():
             change = next(filter(None, map(self._find_thousands, cells)), None)
@@ -267,8 +267,8 @@ class CsvFileSource(FileSource):
             self._changes.add("names")
             return partial(empty_repeated_names, dialect=self._dialect)
         for applies, change in CHANGES_OF_CELLS:
-            if change.__name__ not in self._changes and applies(f'"{cell}"'):
-                self._changes.add(change.__name__)
+            if change not in self._changes and applies(f'"{cell}"'):
+                self._changes.add(change)
                 return change
         return self._find_thousands(cell)
 
