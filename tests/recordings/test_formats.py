@@ -385,3 +385,29 @@ def test_messages_that_are_not_those_of_ros_say_how_to_write_them(tmp_path, chun
         writer.finish()
     with pytest.raises(RecordingError, match="mcap cat --json"):
         open_source(tmp_path / "run.mcap", None)
+
+
+def test_words_in_brackets_are_states_and_no_lists(tmp_path):
+    """They have other numbers of words from row to row; names in quotes, or with commas between them, are lists."""
+    states = ["[ready]", "[in motion]", "[stage2 reached]"]
+    text = "t,state,q1,name\n" + "".join(f"{0.01 * k:.2f},{states[k % 3]},{k},\"['a', 'b']\"\n" for k in range(90))
+    sample = _write_and_read(tmp_path / "run.csv", text)
+    assert {"t", "q1"} <= set(sample.names)
+    np.testing.assert_allclose(sample.values[:, sample.names.index("q1")], np.arange(90))
+
+
+def test_lists_of_structures_of_joints_are_columns_of_their_parts(tmp_path):
+    q, tau = np.random.default_rng(1).normal(size=(2, 60, 3))
+    cells = [
+        [{"name": f"j{k}", "position": q[row, k], "effort": tau[row, k]} for k in range(3)] if row != 50 else None
+        for row in range(60)
+    ]
+    pq.write_table(pa.table({"t": np.arange(60) * 0.01, "joints": cells}), tmp_path / "run.parquet")
+    sample = read_sample(tmp_path / "run.parquet")
+    columns = dict(zip(sample.names, sample.values.T, strict=True))
+    rows = np.arange(60) != 50
+    for k in range(3):
+        (position,) = [name for name in columns if "position" in name and name.endswith((f"j{k}", f"position{k + 1}"))]
+        np.testing.assert_allclose(columns[position][rows], q[rows, k])
+        np.testing.assert_allclose(columns[position.replace("position", "effort")][rows], tau[rows, k])
+        assert np.isnan(columns[position][50])

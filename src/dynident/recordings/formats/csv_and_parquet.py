@@ -18,7 +18,13 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow_tables import batch_from_arrays, open_parquet_stream, parse_numbers
+from dynident.recordings.arrow_tables import (
+    batch_from_arrays,
+    is_structure_list,
+    open_parquet_stream,
+    parse_numbers,
+    split_structure_lists,
+)
 from dynident.recordings.cells_without_numbers import (
     expand_lists,
     expand_names,
@@ -126,13 +132,15 @@ class FeatherFileSource(ParquetFileSource):
 def _list_leaves(field: pa.Field, prefix: str = "") -> list[str]:
     """Return the names of a column's parts, those in structures with the structure's name before them."""
     name = prefix + field.name
-    if not pa.types.is_struct(field.type):
+    whole = field.type.value_type if is_structure_list(field.type) else field.type
+    if not pa.types.is_struct(whole):
         return [name]
-    return [leaf for part in field.type.fields for leaf in _list_leaves(part, f"{name}.")]
+    return [leaf for part in whole.fields for leaf in _list_leaves(part, f"{name}.")]
 
 
 def _flatten_structs(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """Return the batch with the parts of structures as columns: joint_state.position."""
+    """Return the batch with the parts of structures as columns, joint_state.position; those of lists as lists."""
+    batch = split_structure_lists(batch)
     while any(pa.types.is_struct(field.type) for field in batch.schema):
         names: list[str] = []
         arrays: list[pa.Array] = []

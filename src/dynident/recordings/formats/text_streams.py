@@ -119,13 +119,16 @@ class _DecompressedStream(ProducedStream):
 _READ_BYTES = 1 << 18
 _ITEM = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+|nan|NaN|inf)(?:[eE][+-]?\d+)?"
 _LIST = re.compile(
-    r'(?P<before>^|[,;\t|])[ ]*"?(?:(?:[A-Za-z.]+\()?[\[(](?P<items>[^\[\](){}]*)[\])](?:\s*,[^\[\](){}"\n]*\))?\)?'
+    r'(?P<before>^|[,;\t|])[ ]*"?(?:(?:[A-Za-z.]+\()?[\[('
+    r'](?=\s*[\])]|[^\[\](){}]*(?:[\'",]|(?<![A-Za-z_\d])\d|[Nn]a[Nn]|inf))'
+    r'(?P<items>[^\[\](){}]*)[\])](?:\s*,[^\[\](){}"\n]*\))?\)?'
     rf"|\{{[ ]*(?P<numbers>{_ITEM}(?:[,; \t]+{_ITEM})*)[,; \t]*\}})"
     r'"?(?=[ ]*(?:[,;\t|]|\r?$))',
     re.MULTILINE,
 )
 """A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `{0.1, 0.2}`, `[0.1 0.2]` over several lines,
-`array([0.1, 0.2])`. In braces other cells have objects, or flags: there numbers alone are a list."""
+`array([0.1, 0.2])`. Words alone, `[ready]`, are a state. In braces other cells have objects, or flags: there
+numbers alone are a list."""
 _BETWEEN = re.compile(r"[\s,;]+")
 _MARK = "\1"
 _TRIES = 64
@@ -337,8 +340,8 @@ def find_labels(lines: list[str]) -> re.Pattern[str] | None:
     # Words and numbers between other signs than spaces are cells of a table.
     for label in (_LABELLED,) if set(",;\t|") & set(rows[-1]) else (_LABELLED, _BARE):
         words = {match["label"] for match in label.finditer(rows[-1])}
-        names = [name_labelled_numbers(row, label) for row in rows] if len(words) > 1 else [()]
-        usual = names[-1]
+        names = [name_labelled_numbers(row, label) for row in rows if len(words) > 1]
+        usual = names[-1] if names else ()
         # Without a sign they may be so as well: what has lists behind several words is no table.
         has_lists = sum(f"{word}2" in usual or f"{word}_2" in usual for word in words) > 1
         if len(usual) > 2 and (label is _LABELLED or has_lists) and names.count(usual) >= 0.8 * len(names):
