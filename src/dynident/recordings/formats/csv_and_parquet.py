@@ -142,8 +142,7 @@ def _flatten_structs(batch: pa.RecordBatch) -> pa.RecordBatch:
     """Return the batch with the parts of structures as columns, joint_state.position; those of lists as lists."""
     batch = split_structure_lists(batch)
     while any(pa.types.is_struct(field.type) for field in batch.schema):
-        names: list[str] = []
-        arrays: list[pa.Array] = []
+        names, arrays = list[str](), list[pa.Array]()
         for field, column in zip(batch.schema, batch.columns, strict=True):
             is_struct = pa.types.is_struct(field.type)
             names += [f"{field.name}.{part.name}" for part in field.type.fields] if is_struct else [field.name]
