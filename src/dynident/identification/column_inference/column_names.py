@@ -358,7 +358,7 @@ def _classify_signal(plain: list[str]) -> Signal | None:
     return kind
 
 
-def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collection[Signal]) -> str:
+def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
     """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
 
     Parameters
