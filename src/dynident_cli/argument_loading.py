@@ -158,7 +158,7 @@ def _propose_metadata(path: Path, robot: Robot, answers: StatedAnswers, rate: fl
     check_readable(path)
     # Currents are no open question where the robot knows what torque they mean.
     has_gains = all(drive.gain is not None for drive in robot.drives)
-    return accept_proposal(path, inspect_file(path, robot, rate), has_gains=has_gains, answers=answers)
+    return accept_proposal(path, inspect_file(path, robot, rate, answers.columns), has_gains=has_gains, answers=answers)
 
 
 def read_effects(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:

@@ -112,3 +112,18 @@ def test_commas_that_may_part_thousands_are_no_decimals(runs: dy.Recordings, rob
     frame["q_elbow"] = [f"1,{index % 1000:03d}" for index in range(len(frame))]
     with pytest.raises(dy.RecordingError, match="q_elbow"):
         dy.read_recordings(frame, robot=robot)
+
+
+def test_a_frame_with_names_on_two_levels_is_inspected_and_read_as_proposed(desk: Path, robot: dy.Robot) -> None:
+    table = pandas.read_csv(desk / "run1.csv").set_index("t")
+    frame = pandas.concat(
+        {"position": table.filter(regex="^q").set_axis(list(robot.joint_names), axis=1),
+         "effort": table.filter(regex="^tau").set_axis(list(robot.joint_names), axis=1)}, axis=1
+    )  # fmt: skip
+    found = dy.inspect(frame, robot)
+    assert found.questions == ()
+    assert found.said["columns"]["q2"] == "position_elbow"
+    [read] = dy.read_recordings(frame, robot=robot, **found.said)
+    np.testing.assert_allclose(read.to_table()["q_elbow"], table["q2"], atol=1e-9)
+    with pytest.raises(dy.DynidentError, match="give it, inspect"):
+        dy.inspect(frame)

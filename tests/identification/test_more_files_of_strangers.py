@@ -20,7 +20,8 @@ from dynident.errors import DynidentError
 from dynident.identification.column_inference.column_names import describe_waves, read_names
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
-from dynident.recordings import RecordingError
+from dynident.identification.robot_recording_import import import_cured
+from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.formats import open_source
 from dynident.recordings.formats.text_streams import RewrittenText, flatten_lists
 from dynident.robot import Robot, robot_from_urdf
@@ -619,3 +620,106 @@ def test_a_marked_row_without_a_value_is_no_line_of_names(tmp_path: Path) -> Non
     source = open_source(path, None)
     assert source.names == ["column1", "column2", "column3", "column4"]
     assert sum(batch.num_rows for batch in source.batches(["column2"])) == 100
+
+
+def test_a_time_of_day_goes_on_behind_midnight(tmp_path: Path) -> None:
+    given = log("ur10", 1, duration=8.0)
+    seconds = np.round(86_395.0 + given.t, 2)
+    clock = [f"{x % 86400 // 3600:02.0f}:{x % 3600 // 60:02.0f}:{x % 60:05.2f}" for x in seconds]
+    columns = given.columns()
+    rows = np.column_stack(list(columns.values())[1:])
+    lines = [f"{time},{','.join(f'{value:.9g}' for value in row)}" for time, row in zip(clock, rows, strict=True)]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([",".join(columns), *lines]) + "\n")
+    recording = import_cured(given.robot, path, tmp_path / "read.parquet", RecordingMetadata(), most=0).recording
+    assert len(recording.segments) == 1
+    assert recording.segments[0].length * recording.period == pytest.approx(given.t[-1], abs=0.03)
+    proposal = inspect_file(path, given.robot).proposal
+    assert proposal is not None
+    assert proposal.questions == ()
+
+
+def test_joints_are_found_where_the_words_that_all_names_begin_with_are_others() -> None:
+    """A vendor's arm0.sh0 is the description's arm_sh0."""
+    ends = ["sh0", "sh1", "el0", "el1", "wr0", "wr1"]
+    given = log("ur5", 1, duration=8.0)
+    robot = replace(
+        given.robot, joints=tuple(replace(j, name=f"arm_{e}") for j, e in zip(given.robot.joints, ends, strict=True))
+    )
+    order = [5, 3, 1, 0, 2, 4]
+    columns = {"time": given.t, "state.fl.hx.position": given.t % 1.0}
+    columns |= {f"state.arm0.{ends[k]}.position": given.q[:, k] for k in order}
+    columns |= {f"state.arm0.{ends[k]}.torque": given.tau[:, k] for k in order}
+    proposal = guess(robot, columns)
+    assert proposal.questions == ()
+    assert [proposal.columns[f"tau{k + 1}"] for k in range(6)] == [f"state.arm0.{end}.torque" for end in ends]
+
+
+@pytest.mark.parametrize("answered", [False, True])
+def test_columns_that_the_user_states_are_those_that_the_others_are_judged_beside(
+    tmp_path: Path, answered: bool
+) -> None:
+    given = log("ur10", 2, duration=8.0)
+    columns: dict[str, np.ndarray] = {"time": given.t}
+    columns |= {f"q_{k + 1}": np.rad2deg(given.q[:, k]) for k in range(6)}
+    columns |= {f"tau_a_{k + 1}": given.tau[:, k] / 100.0 for k in range(6)}
+    columns |= {f"tau_b_{k + 1}": 1000.0 * given.tau[:, k] for k in range(6)}
+    stated = {f"tau{k + 1}": f"tau_b_{k + 1}" for k in range(6)} if answered else None
+    proposal = inspect_file(write(tmp_path / "a.parquet", columns), given.robot, columns=stated).proposal
+    assert proposal is not None
+    assert any(question.field == "columns/tau" for question in proposal.questions) is not answered
+    if answered:
+        assert proposal.columns | (stated or {}) == proposal.columns
+        assert proposal.units["tau"] == "mN m"
+        assert not any("tau_a" in question.detail for question in proposal.questions)
+
+
+def test_counts_and_shares_of_rated_torques_are_told_by_the_objects_of_the_drives() -> None:
+    """CiA 402: first gains are asked for; with them counts that differ by joint are asked with estimates of each."""
+    given = log("ur5", 1, duration=12.0)
+    gains, counts = (
+        np.array([0.15, 0.15, 0.15, 0.028, 0.028, 0.028]),
+        np.array([5.3e6, 5.3e6, 5.3e6, 2.8e6, 2.8e6, 2.8e6]),
+    )
+    columns: dict[str, np.ndarray] = {"t (us)": np.rint(1e6 * given.t)}
+    for k in range(6):
+        columns[f"Axis {k + 1} 0x6064:00 Position actual value"] = np.rint(given.q[:, k] * counts[k] / (2.0 * np.pi))
+        columns[f"Axis {k + 1} 0x6077:00 Torque actual value"] = np.rint(given.tau[:, k] / gains[k])
+    asked = {question.field: question for question in guess(given.robot, columns).questions}
+    assert "permille" in asked["drives"].detail
+    asked = {question.field: question for question in guess(set_drive_gains(given.robot, gains), columns).questions}
+    (remedy,) = asked["units/q"].remedies
+    for key, unit in remedy.value.items():
+        assert float(unit.removeprefix("counts:")) == pytest.approx(counts[int(key[1:]) - 1], rel=0.05)
+
+
+@pytest.mark.parametrize("from_joint", [3, 4])
+def test_torques_of_which_some_are_in_a_smaller_unit_are_asked_about_by_these(from_joint: int) -> None:
+    given = log("ur10", 2)
+    factors = np.where(np.arange(6) >= from_joint, 1000.0, 1.0)
+    proposal = guess(given.robot, given.columns(tau=given.tau * factors))
+    (asked,) = [question for question in proposal.questions if question.field == "units/tau"]
+    named = [k for k in range(6) if given.robot.joint_names[k] in asked.detail]
+    assert named == list(range(from_joint, 6))
+    assert proposal.units.get("tau", "N m") == "N m"
+
+
+def test_currents_about_the_zero_of_a_converter_are_to_be_freed_of_it() -> None:
+    given = log("ur5", 1)
+    gains = np.array([0.08, 0.08, 0.08, 0.015, 0.015, 0.015])
+    columns = given.columns(tau=np.rint(2048.0 + given.tau / gains))
+    asked = [question.detail for question in guess(given.robot, columns).questions]
+    assert len(asked) == 1
+    assert "the zero of a converter: subtract it" in asked[0]
+    assert not any("converter" in question.detail for question in guess(given.robot, given.columns()).questions)
+
+
+def test_columns_of_more_joints_than_the_robot_has_are_named_by_their_signal() -> None:
+    """Two arms with a gripper each in every array, beside actions of the same length."""
+    given = log("ur5", 1, duration=8.0)
+    both = {kind: np.hstack([values, values[:, :1], values[::-1], values[:, :1]]) for kind, values in
+            (("action", given.q + 0.01), ("obs/qpos", given.q), ("obs/effort", given.tau))}  # fmt: skip
+    columns = {f"{kind}{k + 1}": values[:, k] for kind, values in both.items() for k in range(14)}
+    asked = {question.field: question.detail for question in guess(given.robot, {"t": given.t} | columns).questions}
+    assert "obs/qpos1 … obs/qpos14 are 14 columns" in asked["columns/q"]
+    assert "obs/effort1 … obs/effort14 are 14 columns" in asked["columns/tau"]

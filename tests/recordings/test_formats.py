@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pyarrow as pa
@@ -334,3 +335,79 @@ def test_structures_with_one_label_do_not_take_the_place_of_each_other_or_of_a_v
     (batch,) = source.batches(list(source.names))
     read = {name: batch.column(k)[0].as_py() for k, name in enumerate(source.names)}
     assert read == {"t": 0.0, "q": 0.0, "D.values": 1.0, "A.values": 2.0, "B.values": 3.0, "tau": 4.0}
+
+
+def test_names_with_commas_stand_between_the_separators_of_the_rows(tmp_path):
+    text = "Time, s;Angle 1, rad;Torque 1, Nm\n" + "".join(f"0,{k:03d};{k},5;-{k},25\n" for k in range(200))
+    sample = _write_and_read(tmp_path / "run.csv", text)
+    assert list(sample.names) == ["Time, s", "Angle 1, rad", "Torque 1, Nm"]
+    np.testing.assert_allclose(sample.values[7], [0.007, 7.5, -7.25])
+
+
+def test_lines_with_words_before_lists_of_numbers_are_a_table_without_signs_between(tmp_path):
+    """Status messages of a controller, which have other words and numbers around the signals."""
+    lines = [
+        f"BEGIN {k} STATUS TIME {10 * k} MODE joint POS {k}.5 0.25 -1e-3 TRQ {2 * k} 0.0 7 STATE 3 END"
+        for k in range(90)
+    ]
+    sample = _write_and_read(tmp_path / "run.log", "\n".join(lines) + "\n")
+    assert len(sample.values) == 90
+    row = dict(zip(sample.names, sample.values[4], strict=True))
+    assert (row["TIME"], row["POS1"], row["POS3"], row["TRQ1"], row["TRQ3"]) == (40.0, 4.5, -1e-3, 8.0, 7.0)
+
+
+def test_rows_of_words_and_numbers_between_spaces_stay_a_table(tmp_path):
+    text = "t state q1 mode tau1\n" + "".join(f"{0.01 * k:.2f} run {k} auto {2 * k}\n" for k in range(90))
+    sample = _write_and_read(tmp_path / "run.txt", text)
+    assert {"t", "q1", "tau1"} <= set(sample.names)
+
+
+@pytest.mark.parametrize(
+    ("member", "words"), [("content.xml", "spreadsheet"), ("data/.zgroup", "Zarr"), ("a/zarr.json", "Zarr")]
+)
+def test_archives_of_other_programs_say_what_to_do(tmp_path, member, words):
+    with ZipFile(tmp_path / "run.zip", "w") as archive:
+        archive.writestr("mimetype", "application/x")
+        archive.writestr(member, "<a>1</a>\n<b>2</b>\n")
+    with pytest.raises(RecordingError, match=words):
+        open_source(tmp_path / "run.zip", None)
+
+
+@pytest.mark.parametrize("chunks", [True, False])
+def test_messages_that_are_not_those_of_ros_say_how_to_write_them(tmp_path, chunks):
+    mcap = pytest.importorskip("mcap.writer")
+    with (tmp_path / "run.mcap").open("wb") as file:
+        writer = mcap.Writer(file, use_chunking=chunks)
+        writer.start()
+        schema = writer.register_schema(name="JointStates", encoding="jsonschema", data=b"{}")
+        channel = writer.register_channel("/joint_states", "json", schema)
+        writer.add_message(channel, log_time=1, data=b'{"q": [0.1]}', publish_time=1)
+        writer.finish()
+    with pytest.raises(RecordingError, match="mcap cat --json"):
+        open_source(tmp_path / "run.mcap", None)
+
+
+def test_words_in_brackets_are_states_and_no_lists(tmp_path):
+    """They have other numbers of words from row to row; names in quotes, or with commas between them, are lists."""
+    states = ["[ready]", "[in motion]", "[stage2 reached]"]
+    text = "t,state,q1,name\n" + "".join(f"{0.01 * k:.2f},{states[k % 3]},{k},\"['a', 'b']\"\n" for k in range(90))
+    sample = _write_and_read(tmp_path / "run.csv", text)
+    assert {"t", "q1"} <= set(sample.names)
+    np.testing.assert_allclose(sample.values[:, sample.names.index("q1")], np.arange(90))
+
+
+def test_lists_of_structures_of_joints_are_columns_of_their_parts(tmp_path):
+    q, tau = np.random.default_rng(1).normal(size=(2, 60, 3))
+    cells = [
+        [{"name": f"j{k}", "position": q[row, k], "effort": tau[row, k]} for k in range(3)] if row != 50 else None
+        for row in range(60)
+    ]
+    pq.write_table(pa.table({"t": np.arange(60) * 0.01, "joints": cells}), tmp_path / "run.parquet")
+    sample = read_sample(tmp_path / "run.parquet")
+    columns = dict(zip(sample.names, sample.values.T, strict=True))
+    rows = np.arange(60) != 50
+    for k in range(3):
+        (position,) = [name for name in columns if "position" in name and name.endswith((f"j{k}", f"position{k + 1}"))]
+        np.testing.assert_allclose(columns[position][rows], q[rows, k])
+        np.testing.assert_allclose(columns[position.replace("position", "effort")][rows], tau[rows, k])
+        assert np.isnan(columns[position][50])

@@ -77,6 +77,10 @@ EXPECTED: Mapping[str, Expectation] = {
     ),
     "source": Expectation(_is_a(str, Path), 'give the path of a file, or the name of a well-known arm such as "ur10"'),
     "path": Expectation(_is_a(str, Path, tuple), "give the path of a file"),
+    "inspect.path": Expectation(
+        lambda value: isinstance(value, (str, Path, tuple, Mapping)) or hasattr(value, "__arrow_c_stream__"),
+        "give the path of a file, a data frame, or a dictionary of arrays by name",
+    ),
     "name": Expectation(_is_a(str), "give a text"),
     "title": Expectation(_is_a(str), "give a text"),
     "progress": Expectation(callable, "give a function of the fraction done and a message"),

@@ -51,10 +51,13 @@ class InspectedFile:
         What was found in the file, as the library gives it.
     rate : float, optional
         Rate of the rows in Hz, where the user stated it because the file has no time.
+    owner : object
+        Removes the temporary file of data from memory when nothing refers to it any more.
     """
 
     inspection: Inspection
     rate: float | None = None
+    owner: object = None
 
     @property
     def guesses(self) -> tuple[Guess, ...]:
@@ -106,7 +109,7 @@ class InspectedFile:
 
 @check_arguments
 def inspect(
-    path: str | Path | tuple[str | Path, ...],
+    path: RecordingData,
     robot: Robot | None = None,
     *,
     drive_gains: DriveGains | None = None,
@@ -116,9 +119,9 @@ def inspect(
 
     Parameters
     ----------
-    path : path, or several
+    path : path, several, a data frame or a dictionary
         In any format that can be read. Several files that are one recording are given as a tuple: ("q.csv", "dq.csv",
-        "tau.csv").
+        "tau.csv"). Data in memory need the robot.
     robot : Robot, optional
         The robot that was recorded; without it the columns are only listed.
     drive_gains : mapping of joint name to float, or one float a joint
@@ -147,10 +150,14 @@ def inspect(
     >>> run.name
     'run1'
     """
-    readable = check_readable_path(path)
+    if robot is None and not isinstance(path, (str, Path, tuple)):
+        raise DynidentError("data in memory are inspected for a robot: give it, inspect(frame, robot)", pointer="robot")
+    is_file = robot is None or isinstance(path, (str, Path))
+    source = SourceFile(check_readable_path(path), "") if is_file else open_recording_source(path, robot)  # type: ignore[arg-type]
     # Without the right gains currents look like torques of a wrong size, and the guesses would say so.
     machine = set_drive_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
-    return InspectedFile(inspect_file(readable, machine, rate), rate)
+    rate = source.rate if rate is None else rate
+    return InspectedFile(inspect_file(source.path, machine, rate), rate, source.owner)
 
 
 def _format_question(question: Question) -> str:

@@ -16,6 +16,7 @@ import pyarrow.compute as compute
 import pyarrow.parquet as pq
 
 from dynident.errors import DynidentError, describe_value
+from dynident.recordings.csv_dialects import join_name_levels
 from dynident.recordings.file_names_and_digests import check_readable_path, split_path
 from dynident.robot import Robot
 
@@ -122,7 +123,8 @@ def _write(table: pa.Table, rate: float | None) -> SourceFile:
 def _from_frame(frame: Any) -> pa.Table:
     """Return a data frame as an Arrow table; an index of times becomes the column t."""
     table = pa.table(frame)
-    names = [str(name) for name in table.column_names]
+    # Names on several levels, ('position', 'elbow'), become position_elbow, as in files.
+    names = [join_name_levels(str(name)) for name in table.column_names]
     if _UNNAMED_INDEX in names:
         place = names.index(_UNNAMED_INDEX)
         kind = table.schema.types[place]

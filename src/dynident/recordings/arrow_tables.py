@@ -155,3 +155,27 @@ def parse_numbers(column: pa.Array, decimal_point: str = ".") -> pa.Array:
         text = pc.replace_substring(text, decimal_point, ".")
     # Arrow's cast fails at the first text that is no number: those become missing before it.
     return pc.if_else(pc.match_substring_regex(text, _NUMBER), text, None).cast(pa.float64())
+
+
+def is_list(kind: pa.DataType) -> bool:
+    """Return whether cells are lists."""
+    return bool(pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind))
+
+
+def is_structure_list(kind: pa.DataType) -> bool:
+    """Return whether cells are lists of structures, such as one of each joint."""
+    return is_list(kind) and bool(pa.types.is_struct(kind.value_type))
+
+
+def split_structure_lists(batch: pa.RecordBatch) -> pa.RecordBatch:
+    """Return a batch in which lists of structures are structures of lists: positions of all joints, efforts of all."""
+    for place, field in enumerate(batch.schema):
+        if not is_structure_list(field.type):
+            continue
+        column = batch.column(place)
+        lengths = np.asarray(pc.fill_null(pc.list_value_length(column), 0))
+        offsets = pa.array(np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32))
+        lists = [pa.ListArray.from_arrays(offsets, part) for part in pc.list_flatten(column).flatten()]
+        names = [part.name for part in field.type.value_type.fields]
+        batch = batch.set_column(place, field.name, pa.StructArray.from_arrays(lists, names=names))
+    return batch

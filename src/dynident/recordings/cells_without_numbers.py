@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from dynident.array_types import IntArray
-from dynident.recordings.arrow_tables import from_numbers, parse_numbers
+from dynident.recordings.arrow_tables import from_numbers, is_list, parse_numbers
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.time_columns import are_times, is_time_name, parse_seconds
 
@@ -31,17 +31,13 @@ def list_columns(first: pa.RecordBatch) -> dict[str, int]:
     """Return the columns that hold lists of numbers or of words, with the length of the first list of each."""
     lengths = {}
     for field, column in zip(first.schema, first.columns, strict=True):
-        if not _is_list(field.type) or not _is_plain(field.type.value_type) or not len(column):
+        if not is_list(field.type) or not _is_plain(field.type.value_type) or not len(column):
             continue
         # The first list stands for all: a joint has its place in every row.
         length = pc.list_value_length(column)[0].as_py() or 0
         if 0 < length <= _LONGEST:
             lengths[field.name] = length
     return lengths
-
-
-def _is_list(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind))
 
 
 def _is_plain(kind: pa.DataType) -> bool:

@@ -251,7 +251,9 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
         fields = _split_fields(text, delimiter)
         counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
         return delimiter, comma, _Header(make_counted_names("column", len(fields)), header + counts)
-    delimiter = _find_delimiter(text)
+    # Names and units may have commas: what stands as often between the names as in every row separates both.
+    alike = (sign for sign in ";\t|" if len({line.count(sign) for line in (text, *lines[-20:]) if line}) == 1)
+    delimiter = next((sign for sign in alike if text.count(sign) > 1), None) or _find_delimiter(text)
     width = Counter(len(_split_fields(line, delimiter)) for line in below).most_common(1)[0][0]
     # Messages of other senders, with fewer joints, may stand between those of the arm. A line of names has no numbers.
     has_numbers = any(map(_is_number, _split_fields(text, delimiter)))
@@ -259,7 +261,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     cells = [[None if _is_number(cell) else cell for cell in _split_fields(line, delimiter)] for line in messages[:2]]
     if (names := name_message_columns(cells)) is not None:
         return delimiter, False, _Header(names, header)
-    names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
+    names = tuple(join_name_levels(field) for field in _split_fields(text, delimiter))
     names = _join_merged_heads(names, _split_fields(lines[header - 1], delimiter) if header else [])
     rows = header + 1
     delimiter = _find_delimiter_of_rows(lines[rows : rows + 20], len(names)) or delimiter
@@ -319,9 +321,7 @@ def _decode_text(start: bytes) -> tuple[str, str]:
 def _find_delimiter(text: str) -> str:
     # The most frequent one; where none is more frequent than the others, the comma.
     delimiter = max(",;\t|", key=text.count)
-    if text.count(delimiter) == 0:
-        delimiter = " " if " " in text.strip() else ","
-    return delimiter
+    return delimiter if delimiter in text or " " not in text.strip() else " "
 
 
 def _find_delimiter_of_rows(lines: Sequence[str], width: int) -> str | None:
@@ -347,7 +347,7 @@ def empty_repeated_names(text: str, dialect: Dialect) -> str:
         # A row begins with a number mostly: most lines are passed by at their first character.
         if line[:1] in "0123456789-+.":
             continue
-        fields = [_format_name(field) for field in _split_fields(line.strip(), dialect.delimiter)]
+        fields = [join_name_levels(field) for field in _split_fields(line.strip(), dialect.delimiter)]
         if len(fields) != len(dialect.names):
             continue
         # Rows below such a line are of other signals than their columns are called.
@@ -363,8 +363,8 @@ def empty_repeated_names(text: str, dialect: Dialect) -> str:
     return "".join(lines)
 
 
-def _format_name(field: str) -> str:
-    """Return a column's name; one of several parts, ('q', 1), becomes q_1."""
+def join_name_levels(field: str) -> str:
+    """Return a column's name; one on several levels, ('q', 1), becomes q_1."""
     if not _TUPLE.match(field) or "," not in field:
         return field
     return "_".join(part for part_text in field[1:-1].split(",") if (part := part_text.strip(" '\"")))

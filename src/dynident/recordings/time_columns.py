@@ -25,6 +25,10 @@ FEWEST_STEPS = 20.0
 """Steps that such a clock goes back at least; rows that are exchanged go back by fewer."""
 
 
+NEAR_MIDNIGHT = 60.0
+"""s before and behind midnight between two rows of one run."""
+
+
 @dataclass
 class RunLabels:
     """Numbers the runs of a file, block by block.
@@ -35,11 +39,19 @@ class RunLabels:
 
     restarts: list[tuple[int, float, float]] = field(default_factory=list)
     """Data row, from 1, and the times before it and in it."""
+    _days: int = 0
     _begin: float = np.nan
     _last: float = np.nan
     _step: float = 0.0
     _jump: int = -1
     """Row of the file, from 0, that was last reached by a jump forward."""
+
+    def pass_midnight(self, t: FloatArray) -> FloatArray:
+        """Return times (m,); those of a day go on behind midnight, where a clock without a date begins at 0 again."""
+        ago = np.concatenate([[self._last - _DAY * self._days], t[:-1]]) - t
+        days = self._days + np.cumsum((np.abs(ago - _DAY) < NEAR_MIDNIGHT) & (t >= 0.0) & (t < NEAR_MIDNIGHT))
+        self._days = int(days[-1])
+        return np.asarray(t + _DAY * days)
 
     def label_rows(self, first_row: int, t: FloatArray) -> IntArray:
         """Return the number of the run of each row (m,), from 0."""
@@ -99,20 +111,13 @@ class RestartingSource:
             return without
         row, before, time = restarts[0]
         more = f", and later again ({len(restarts)} times in all)" if len(restarts) > 1 else ""
-        return [
-            *without,
-            Check(
-                "time_restarts",
-                "warning",
-                f"Column {column} goes back from {format_time(before)} to {format_time(time)} s in row {row}{more}: "
-                f"the file is read as {len(restarts) + 1} segments, and no filter runs across their borders. A column "
-                "`segment` of whole numbers also separates segments.",
-                column,
-                row,
-                time,
-                rows={column: tuple(restart[0] for restart in restarts)},
-            ),
-        ]
+        detail = (
+            f"Column {column} goes back from {format_time(before)} to {format_time(time)} s in row {row}{more}: "
+            f"the file is read as {len(restarts) + 1} segments, and no filter runs across their borders. A column "
+            "`segment` of whole numbers also separates segments."
+        )
+        rows = {column: tuple(restart[0] for restart in restarts)}
+        return [*without, Check("time_restarts", "warning", detail, column, row, time, rows=rows)]
 
     def _label_blocks(self, blocks: Iterator[RawRows], layout: Layout) -> Iterator[RawRows]:
         # The file is read more than once: each pass counts anew.
@@ -123,6 +128,7 @@ class RestartingSource:
             rows = self._cut_ends(block)
             if not len(rows.t):
                 continue
+            rows = rows._replace(t=self._labels.pass_midnight(rows.t))
             labels = rows.segment if layout.segment is not None else self._labels.label_rows(rows.first_row, rows.t)
             yield rows._replace(segment=labels)
 

@@ -18,6 +18,7 @@ from dynident.identification.column_inference.column_names import (
     find_phrase,
     get_signal_of_unit,
     list_spellings,
+    strip_shared_words,
 )
 from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.number_format import format_percent
@@ -178,10 +179,8 @@ def group_few_joints(named: Sequence[ColumnName], rest: Sequence[int], robot: Ro
         # Letters count as axes only where every joint has its column.
         if len(places) == robot.n:
             columns = tuple(places[letter] for letter in sorted(places))
-            first = named[columns[0]]
-            groups.append(
-                ColumnGroup(columns, signal, first.unit, rank, first, "the axes are named by letters, in order")
-            )
+            reason = "the axes are named by letters, in order"
+            groups.append(ColumnGroup(columns, signal, named[columns[0]].unit, rank, named[columns[0]], reason))
     return groups
 
 
@@ -273,7 +272,7 @@ def group_columns(
     links : sequence of str
         Links that the joints move, by joint: some viewers name columns by them.
     clocks : collection of int
-        Columns that run forward evenly: counted before the joints they are none of them.
+        Columns that run forward evenly: counted before the joints they are none.
 
     Returns
     -------
@@ -284,10 +283,13 @@ def group_columns(
     following: list[int] = []
     by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
+    # Where no column has a whole name, the words that all names begin with may be missing, or be others.
+    is_whole = any(_match_joint_name(column.words, joint_names) for column in named)
+    spoken = (*(joint_names if is_whole else strip_shared_words(joint_names)), *followers)
     for index, column in enumerate(named):
         if index in in_ours:
             continue
-        hit, reason = _match_joint_name(column.words, (*joint_names, *followers)), "the joint name"
+        hit, reason = _match_joint_name(column.words, spoken), "the joint name"
         if hit is None and all(links):
             hit, reason = _match_joint_name(column.words, links), "the name of the link that the joint moves"
         if hit is not None and hit[0] >= len(joint_names):
@@ -296,16 +298,14 @@ def group_columns(
             joint, stem = hit
             by_stem.setdefault(stem, {}).setdefault(joint, index)
             reasons[stem] = f"the column name contains {reason}"
-    # Columns of a stem that some joints lack are free for the numbers again.
-    used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
-    # Names of all joints or none: a stem that some joints lack is left to the numbers.
+    # Names of all joints or none: a stem that some joints lack, and its columns, are left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
+    used = {index for group in by_stem.values() for index in group.values()}
     numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names), alive, clocks)
     by_stem |= numbered
     reasons |= why
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
-    counted: list[ColumnGroup] = []
-    groups = ours
+    groups, counted = ours, list[ColumnGroup]()
     for stem, group in by_stem.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         built = _build_group(columns, named, reasons[stem])
@@ -333,8 +333,8 @@ def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str])
         columns = [places.get(f"{signal}_{joint}") for joint in joint_names]
         known = tuple(column for column in columns if column is not None)
         if len(known) == len(joint_names):
-            reason = "they have the standard column names"
-            groups.append(ColumnGroup(known, signal, None, -1, named[known[0]], reason))
+            own = _build_group(known, named, "they have the standard column names")
+            groups.append(replace(own, signal=signal, rank=-1))
     return groups
 
 

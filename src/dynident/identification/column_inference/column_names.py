@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Literal
 
 from dynident.recordings.units import FACTORS, MOMENTS
@@ -85,16 +86,17 @@ _MAKER_WORDS = {
     "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
     "qfrc_bias": "computed torque", "qfrc_passive": "computed torque", "qfrc_constraint": "computed torque",
     "qfrc_inverse": "computed torque", "pos_estimate": "position turns", "vel_estimate": "velocity turns s",
-    "6064h": "actual position", "606Ch": "actual velocity", "6077h": "actual torque permille",
-    "6078h": "actual current permille", "0x6064": "actual position", "0x606C": "actual velocity",
-    "0x6077": "actual torque permille", "0x6078": "actual current permille",
+    "6064h": "actual position", "606Ch": "actual velocity", "6077h": "actual torque", "6078h": "actual current",
+    "0x6064": "actual position", "0x606C": "actual velocity", "0x6077": "actual torque", "0x6078": "actual current",
+    "POSJOINTCURRENT": "actual position", "POSJOINTSETPOINT": "setpoint position", "CURRENTJOINTS": "motor current",
     "qOut_": "commanded position ", "alphaOut_": "commanded velocity ", "tauOut_": "commanded torque ",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
 of Universal Robots' RTDE, whose currents as torques are without the load of gravity; of MuJoCo, whose actuators' forces
 are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; of
-mc_rtc, whose Out goes to the robot; and the objects of drives on CANopen and EtherCAT (CiA 402), in 1/1000 of the rated
-torque and current."""
+mc_rtc, whose Out goes to the robot; of igus (CRI); and the objects of drives on CANopen and EtherCAT (CiA 402)."""
+_OF_RATED = re.compile(r"0x607[78]|607[78]h", re.IGNORECASE)
+"""Objects of CiA 402 in 1/1000 of the rated torque and current, whatever else the name says."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (
@@ -216,6 +218,7 @@ def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequ
 
 def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = ()) -> ColumnName:
     """Read a column's name; `unit` is what the file states elsewhere, `spellings` are the joints' names as words."""
+    unit = unit or ("permille" if _OF_RATED.search(name) else "")
     # Makers' words are put into plain ones before the name is taken apart.
     for word, meaning in _MAKER_WORDS.items():
         name = name.replace(word, meaning)
@@ -277,6 +280,14 @@ def list_spellings(name: str) -> list[tuple[str, ...]]:
         )
 
     return [spelling for spelling in (words, bare) if is_name(spelling)]
+
+
+def strip_shared_words(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints' names without the words that all of them begin with: arm_sh0 and arm_el0 are sh_0 and el_0."""
+    words = [re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name) for name in names]
+    alike = (len({tuple(own[: length + 1]) for own in words}) == 1 for length in range(min(map(len, words))))
+    shared = len(list(takewhile(bool, alike))) if len(names) > 1 else 0
+    return tuple("_".join(own[shared:]) for own in words)
 
 
 def find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
@@ -347,7 +358,7 @@ def _classify_signal(plain: list[str]) -> Signal | None:
     return kind
 
 
-def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
+def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
     """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
 
     Parameters
@@ -356,6 +367,8 @@ def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
         What the names of all columns say.
     n : int
         Number of the robot's joints.
+    signals : collection of str
+        Those of which the columns are preferred.
 
     Returns
     -------
@@ -366,7 +379,7 @@ def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
     for column in named:
         if len(column.numbers) == 1:
             counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
-    for members in counted.values():
+    for members in sorted(counted.values(), key=lambda own: (own[0].signal not in signals, own[0].rank)):
         numbers = sorted(column.numbers[0] for column in members)
         if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
             return (

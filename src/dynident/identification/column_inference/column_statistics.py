@@ -418,3 +418,19 @@ def guess_servo_units(q: FloatArray, joints: Sequence[int]) -> dict[int, UnitGue
     in_degrees = "deg" in units.values()
     still = UnitGuess("deg", 0.95 if in_degrees else 0.4, f"it moves too little to show its unit, but {_SERVO_STEPS}")
     return {joint: guesses.get(joint, still) for joint in units}
+
+
+_ZERO_ALIKE, _FEWEST_JOINTS = 0.1, 3
+"""Relative distance within which the middles of most joints' efforts are one number; and joints from which on gravity
+does not make that so."""
+
+
+def find_converter_zero(values: FloatArray) -> float | None:
+    """Return the number about which the efforts (m, n) of all joints vary; None where there is none.
+
+    A converter that measures both directions, without a sign, writes half of its range where nothing flows.
+    """
+    middle, spread = np.nanmedian(values, axis=0), np.nanstd(values, axis=0)
+    zero = float(np.median(middle))
+    is_zero = values.shape[1] >= _FEWEST_JOINTS and (middle > spread).all() and (spread > 0.0).all()
+    return zero if is_zero and np.median(np.abs(middle - zero)) < _ZERO_ALIKE * zero else None

@@ -7,7 +7,7 @@ The results become guesses and questions of the proposal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Self
@@ -16,7 +16,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError, Remedy
-from dynident.identification.column_inference.metadata_proposal import SURE, Guess, Question, UnitGuess
+from dynident.identification.column_inference.metadata_proposal import Guess, Question
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
@@ -31,7 +31,7 @@ from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_import import condition_arrays
 from dynident.recordings.recording_metadata import COMMANDED, Check
 from dynident.recordings.time_columns import RunLabels
-from dynident.recordings.units import MOMENTS, find_conversion
+from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
 
@@ -256,12 +256,9 @@ def _write_share_unit(limits: tuple[float, float], full: float) -> str:
     return f"counts:{2.0 * np.pi / factor:.4f}" + (f"@{zero:.4f}" if abs(zero) > 0.0 else "")
 
 
-_NEAR = (0.45, 2.1)
-"""Range of measured over described torque within which they agree: descriptions are not better."""
-_POOR = (0.15, 6.0)
-"""The same beyond which no description is off: it is another torque, or another unit."""
-FAIR = (0.2, 3.0)
-"""The same for a description whose masses may be guessed: up to 2.4 on the open recordings."""
+_NEAR, _POOR, FAIR = (0.45, 2.1), (0.15, 6.0), (0.2, 3.0)
+"""Ranges of measured over described torque: within which they agree, as descriptions are not better; beyond which no
+description is off, and it is another torque or unit; and for masses that may be guessed: 2.4 on the open recordings."""
 _SURE = 1.25
 """Amplifiers of arms give up to 64 A: per cent of that taken for A make 1.56 times the torque, and of less even more;
 this is half as far, as factors go."""
@@ -309,6 +306,11 @@ class TorqueScales:
         sizes = np.abs(self.values * factor)[self.trusted]
         return self.is_near_one(np.full(len(self.values), factor)) and float(sizes.max()) < FAIR[1]
 
+    def count_near(self, factor: float) -> int:
+        """Count the trusted joints whose values, times a unit's factor, agree with the description."""
+        sizes = np.abs(self.values * factor)[self.trusted]
+        return int(np.count_nonzero((_NEAR[0] < sizes) & (sizes < _NEAR[1])))
+
     def is_sure(self, factors: FloatArray) -> bool:
         """Tell whether the trusted values, times factors (n,), show that currents are in the unit of the gains."""
         size = float(np.median(np.abs(self.values * factors)[self.trusted]))
@@ -352,45 +354,6 @@ def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | Non
             remainder.var() < _TRUSTED_VARIANCE * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
         )
     return TorqueScales(values, trusted) if trusted.any() else None
-
-
-_NO_ALIAS = ("N m", "mN m", "kN m", "N cm", "kgf m", "kgf cm", "lbf ft", "lbf in", "ozf in")
-"""Units of torque that are tried, each size once."""
-
-
-def match_description(guess: UnitGuess, size: float, fits: Callable[[float], bool]) -> UnitGuess:
-    """Return the unit of torques, corrected or confirmed by what the inertias of the description need.
-
-    Parameters
-    ----------
-    guess : UnitGuess
-        The unit by the size of the numbers.
-    size : float
-        Numbers of the file over the torque in N m that the description needs, of a usual joint.
-    fits : callable
-        Tells whether numbers times a factor agree with the description in all joints.
-
-    Returns
-    -------
-    UnitGuess
-        The same if no unit of torque agrees with the description.
-    """
-    near = sorted(
-        (unit for unit in _NO_ALIAS if fits(MOMENTS[unit])), key=lambda unit: abs(np.log(size * MOMENTS[unit]))
-    )
-    if guess.unit in near:
-        reason = f"in {guess.unit} its size matches the inertias of the description"
-        return guess if guess.confidence >= SURE else UnitGuess(guess.unit, 0.85, reason)
-    if near[:1] == ["N m"] or (not near and guess.unit == "N m"):
-        return guess if not near else UnitGuess("N m", 0.85, "in N m its size matches the inertias of the description")
-    # An unusual unit has to be borne out by the masses.
-    units = tuple(near[:3]) or (guess.unit, "N m")
-    sizes = ", ".join(f"{size * MOMENTS[unit]:.2g} times in {unit}" for unit in dict.fromkeys((*units, "N m")))
-    reason = (
-        f"they are these times the torque that the inertias of the description need: {sizes}; if they are torques of "
-        "motors, or shares of rated ones, give drive gains"
-    )
-    return UnitGuess(units[0], 0.5, reason, units)
 
 
 _MORE = 1.01

@@ -27,6 +27,7 @@ from dynident.identification.column_inference.column_statistics import (
     fill_gaps,
     find_changing_columns,
     find_clock_columns,
+    find_converter_zero,
     guess_servo_units,
     mask_outliers,
     restore_masked,
@@ -156,8 +157,7 @@ class _ColumnInference(WorkingProposal):
             unused = ", ".join(others[index].name for index in following)
             self.add_guess("columns", unused, 0.9, "not used: of passive joints, which follow from the driven joints")
         local += group_few_joints(others, rest, self.robot)
-        in_groups = {index for group in local for index in group.columns}
-        rest = [index for index in rest if index not in in_groups]
+        rest = [index for index in rest if not any(index in group.columns for group in local)]
         # The groups were numbered without the time column; number them as the file does.
         groups = [group.renumber(places) for group in local]
         groups += self._group_unnamed(groups, [places[index] for index in rest], n)
@@ -175,8 +175,7 @@ class _ColumnInference(WorkingProposal):
                 guess_efforts_at_poses(self, self.fits, self.values[:, list(effort.columns)], effort, q, kind)
             )
         if q is not None:
-            values = restore_masked(self.sample.values, whole.values)
-            rows = replace(self.sample, values=values[good])
+            rows = replace(self.sample, values=restore_masked(self.sample.values, whole.values)[good])
             q, self.fits, put_right = self.condition_rows(self.fits, rows, position, effort, q)
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
@@ -202,7 +201,7 @@ class _ColumnInference(WorkingProposal):
         measured = [index for index in (*rest, *silent) if self.column_names[index].rank < 4]
         pool = sorted({index for index in measured if self.column_names[index].signal is None or index in silent})
         pool = sort_by_number(self.column_names, select_whole_signals(pool, self.values, self.alive, n))
-        # A further axis, which the robot does not have, leaves no whole signals: those that all joints have are left.
+        # A further axis, which the robot lacks, leaves no whole signals: those that all joints have are left.
         counted = [index for index in pool if index in silent]
         pool = counted if len(pool) % n and len(counted) >= 2 * n else pool
         whole = [group for group in groups if group.signal is None]
@@ -235,13 +234,11 @@ class _ColumnInference(WorkingProposal):
         counted = pool != sorted(pool)
         reason = f"{kinds.reason}; the joints are in the order of {'their numbers' if counted else 'the file'}"
         if regular and counted and self._is_file_order_as_good(kinds):
-            self.add_question(
-                "columns", "The numbers of the joints and their order in the file differ: which order is right?"
-            )
+            detail = "The numbers of the joints and their order in the file differ: which order is right?"
+            self.add_question("columns", detail)
         if not regular:
-            self.add_question(
-                "columns", "Neither the names nor the order of the columns show which joint they belong to."
-            )
+            detail = "Neither the names nor the order of the columns show which joint they belong to."
+            self.add_question("columns", detail)
             q, tau = self.values[:, positions], self.values[:, efforts]
             order, _ = assign_torques(self.t, q, tau)
             efforts = [efforts[index] for index in order]
@@ -255,10 +252,8 @@ class _ColumnInference(WorkingProposal):
 
     def _is_file_order_as_good(self, kinds: UnnamedColumns) -> bool:
         """Tell whether both also stand in order in the file, and the robot's dynamics do not refute that."""
-        in_file, counted = (
-            (tuple(sorted(kinds.positions)), tuple(sorted(kinds.efforts))),
-            (kinds.positions, kinds.efforts),
-        )
+        in_file = tuple(sorted(kinds.positions)), tuple(sorted(kinds.efforts))
+        counted = kinds.positions, kinds.efforts
         if in_file == counted or not all(is_in_order(list(columns)) for columns in in_file):
             return False
         return self._measure_unexplained(*in_file) < _CLEARLY * self._measure_unexplained(*counted)
@@ -269,10 +264,10 @@ class _ColumnInference(WorkingProposal):
             if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
                 return None
-            more = describe_further_joints(self.column_names, self.robot.n)
             detail = (
-                f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} If they "
-                f"are in another file, {TOGETHER}."
+                "No columns were recognised as the positions of all joints: name them, q1 and so on."
+                f"{describe_further_joints(self.column_names, self.robot.n, ('q',))} If they are in another file, "
+                f"{TOGETHER}."
             )
             detail += describe_waves(self.column_names) + describe_unknown_groups(groups, self.name_columns, "position")
             if any(group.signal == "dq" for group in groups):
@@ -296,8 +291,7 @@ class _ColumnInference(WorkingProposal):
         self, groups: list[ColumnGroup], position: ColumnGroup | None
     ) -> tuple[ColumnGroup | None, EffortKind]:
         if any(question.field == "robot" for question in self.questions):
-            # First the user has to say which joints the robot has.
-            return None, "unknown"
+            return None, "unknown"  # first the user has to say which joints the robot has
         candidates = [
             group for group in groups if group.signal in ("tau", "current", "effort") and group is not position
         ]
@@ -325,8 +319,9 @@ class _ColumnInference(WorkingProposal):
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
             detail = (
-                "No columns were recognised as torques or currents of all joints. If they are in another file, "
-                f"{TOGETHER}."
+                "No columns were recognised as torques or currents of all joints."
+                f"{describe_further_joints(self.column_names, self.robot.n, ('tau', 'effort', 'current'))} If they are "
+                f"in another file, {TOGETHER}."
             )
             detail += describe_unknown_groups(groups, self.name_columns, "torque")
             self.add_question("columns/tau", detail, self.sample.names)
@@ -363,8 +358,11 @@ class _ColumnInference(WorkingProposal):
 
     def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
         """Return the positions (m, n) in SI, and note their unit."""
-        q = np.array(self.values[:, list(position.columns)])  # a copy: the sample keeps the units of the file
-        tau = self.values[:, list(effort.columns)]
+        q = np.array(self.values[:, list(position.columns)])  # a copy: the sample keeps the file's units
+        # Currents of all joints, and shares of rated torques, have one scale only with the drive gains.
+        kind = "current" if effort.signal == "current" or effort.unit in ("permille", "percent") else "tau"
+        gains = [drive.gain for drive in self.robot.drives]
+        tau = self.values[:, list(effort.columns)] * self.get_factors_to_si(kind, gains)
         units = [self.column_names[index].unit for index in position.columns]
         turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
         stated = turning[0] if turning and len(set(turning)) == 1 else None
@@ -391,9 +389,8 @@ class _ColumnInference(WorkingProposal):
         """Take velocities that are the slope of the positions, and report those that are not."""
         candidates = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
         if candidates:
-            group = candidates[0]
+            n, group = q.shape[1], candidates[0]
             values = self.values[:, list(group.columns)]
-            n = q.shape[1]
             correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
             # The slope of each position with the velocity of the same joint.
             own = np.array([correlation[j, n + j] for j in range(n)])
@@ -413,17 +410,20 @@ class _ColumnInference(WorkingProposal):
                 unit = of_units.UnitGuess(", ".join(sorted(same)), 0.97, "it is the derivative of the positions")
                 self.take_unit("dq", unit, ", ".join(sorted(usual)))
             else:
-                are_slopes = bool((own[moving] > SLOPE).all())
+                are_slopes = (own[moving] > SLOPE).all()
                 why = "its unit is not known" if are_slopes else "it is not the derivative of these positions"
                 self.add_guess("columns/dq", self.name_columns(group), 0.5, f"not used: {why}")
 
     def _guess_efforts(self, effort: ColumnGroup, q: FloatArray, kind: EffortKind) -> EffortKind:
-        tau = self.values[:, list(effort.columns)]
-        gains = [drive.gain for drive in self.robot.drives]
+        tau, gains = self.values[:, list(effort.columns)], [drive.gain for drive in self.robot.drives]
         if kind == "position_command":
             torque = self.take_servo_law(self.fits, effort, q)
             self._check_against_dynamics(q, torque, effort, in_si=None not in gains)
             return kind
+        if (zero := find_converter_zero(tau)) is not None:
+            zero_of = f"{self.name_columns(effort)} vary about {zero:.4g}, the zero of a converter"
+            self.add_question("columns/tau", f"{zero_of}: subtract it, and write them again.")
+            return "unknown"
         named, columns = effort.signal, [*effort.columns]
         if named == "tau" and max(columns) < len(self.column_names):
             tau, unit = of_units.convert_mixed_torques(tau, [self.column_names[column].unit for column in columns])
@@ -469,10 +469,9 @@ class _ColumnInference(WorkingProposal):
 
     def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
         """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""
-        positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
-        torques = [self.sample.names[column] for column in effort.columns]
+        names = [self.columns[f"q{k + 1}"] for k in range(self.robot.n)], [self.sample.names[k] for k in effort.columns]
         guesses, questions = dynamics_fits.check_against_dynamics(
-            self.described_robot, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
+            self.described_robot, self.fits, q, tau, names, in_si=in_si, silent=self.silent
         )
         # Only if much is unexplained: otherwise the guess about the dynamics is among the others.
         first = [g for g in guesses[:1] if g.confidence < of_units.SURE and g.value.endswith("unexplained")]

@@ -16,9 +16,8 @@ from dynident.identification.column_inference.dynamics_fits import (
     DynamicsFits,
     TorqueScales,
     compare_with_description,
-    match_description,
 )
-from dynident.identification.column_inference.metadata_proposal import Question, UnitGuess
+from dynident.identification.column_inference.metadata_proposal import SURE, Question, UnitGuess
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.fault_search import (
     CLEARLY_AGREES,
@@ -318,11 +317,44 @@ def fit_torque_unit(guess: UnitGuess, effort: EffortGuess) -> tuple[UnitGuess, E
     scales = effort.scales
     if scales is None or effort.kind == "motor_torque":
         return guess, effort
-    unit = match_description(guess, scales.median, scales.is_in_unit)
+    unit = _match_description(guess, scales)
     if unit != guess and effort.kind == "unknown":
         # The size is that of a torque in another unit, which is what is asked.
         effort = replace(effort, kind="joint_torque", reason="by its name; gravity and motion explain it")
     return unit, effort
+
+
+_NO_ALIAS = ("N m", "mN m", "kN m", "N cm", "kgf m", "kgf cm", "lbf ft", "lbf in", "ozf in")
+"""Units of torque that are tried, each size once."""
+_MIXED = ("N m", "mN m")
+"""Units that one file has side by side, where small joints have drives of their own."""
+
+
+def _match_description(guess: UnitGuess, scales: TorqueScales) -> UnitGuess:
+    """Return the unit of torques, corrected or confirmed by what the inertias of the description need."""
+    size = scales.median
+    near = [unit for unit in _NO_ALIAS if scales.is_in_unit(MOMENTS[unit])]
+    near.sort(key=lambda unit: abs(np.log(size * MOMENTS[unit])))
+    if guess.unit in near:
+        reason = f"in {guess.unit} its size matches the inertias of the description"
+        return guess if guess.confidence >= SURE else UnitGuess(guess.unit, 0.85, reason)
+    if near[:1] == ["N m"]:
+        return UnitGuess("N m", 0.85, "in N m its size matches the inertias of the description")
+    counts = {unit: scales.count_near(MOMENTS[unit]) for unit in _MIXED}
+    if not near and min(counts.values()) > 0 and sum(counts.values()) == np.count_nonzero(scales.trusted):
+        # Some joints are in each of these; the check of scales names those in the rarer one.
+        most = max(_MIXED, key=lambda unit: counts[unit])
+        return UnitGuess(most, 0.85, f"in {most} most joints' torques match the inertias of the description")
+    if not near and guess.unit == "N m":
+        return guess
+    # An unusual unit has to be borne out by the masses.
+    units = tuple(near[:3]) or (guess.unit, "N m")
+    sizes = ", ".join(f"{size * MOMENTS[unit]:.2g} times in {unit}" for unit in dict.fromkeys((*units, "N m")))
+    reason = (
+        f"they are these times the torque that the inertias of the description need: {sizes}; if they are torques of "
+        "motors, or shares of rated ones, give drive gains"
+    )
+    return UnitGuess(units[0], 0.5, reason, units)
 
 
 def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: float | None) -> EffortGuess:

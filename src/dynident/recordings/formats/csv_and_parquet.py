@@ -18,7 +18,13 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow_tables import batch_from_arrays, open_parquet_stream, parse_numbers
+from dynident.recordings.arrow_tables import (
+    batch_from_arrays,
+    is_structure_list,
+    open_parquet_stream,
+    parse_numbers,
+    split_structure_lists,
+)
 from dynident.recordings.cells_without_numbers import (
     expand_lists,
     expand_names,
@@ -126,16 +132,17 @@ class FeatherFileSource(ParquetFileSource):
 def _list_leaves(field: pa.Field, prefix: str = "") -> list[str]:
     """Return the names of a column's parts, those in structures with the structure's name before them."""
     name = prefix + field.name
-    if not pa.types.is_struct(field.type):
+    whole = field.type.value_type if is_structure_list(field.type) else field.type
+    if not pa.types.is_struct(whole):
         return [name]
-    return [leaf for part in field.type.fields for leaf in _list_leaves(part, f"{name}.")]
+    return [leaf for part in whole.fields for leaf in _list_leaves(part, f"{name}.")]
 
 
 def _flatten_structs(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """Return the batch with the parts of structures as columns: joint_state.position."""
+    """Return the batch with the parts of structures as columns, joint_state.position; those of lists as lists."""
+    batch = split_structure_lists(batch)
     while any(pa.types.is_struct(field.type) for field in batch.schema):
-        names: list[str] = []
-        arrays: list[pa.Array] = []
+        names, arrays = list[str](), list[pa.Array]()
         for field, column in zip(batch.schema, batch.columns, strict=True):
             is_struct = pa.types.is_struct(field.type)
             names += [f"{field.name}.{part.name}" for part in field.type.fields] if is_struct else [field.name]
@@ -209,7 +216,7 @@ class CsvFileSource(FileSource):
         self.clocks = self._dialect.clocks
         self.stated_rate = _find_stated_rate(content.read_start(dialect_bytes), self._dialect.lines_before_data)
         self._worded: set[str] = set()
-        self._changes: set[str] = set()
+        self._changes: set[object] = set()
         self._odd_rows = _OddRows(len(self._dialect.names))
         for name, cells in self._dialect.texts.items():
             change = next(filter(None, map(self._find_thousands, cells)), None)
@@ -267,8 +274,8 @@ class CsvFileSource(FileSource):
             self._changes.add("names")
             return partial(empty_repeated_names, dialect=self._dialect)
         for applies, change in CHANGES_OF_CELLS:
-            if change.__name__ not in self._changes and applies(f'"{cell}"'):
-                self._changes.add(change.__name__)
+            if change not in self._changes and applies(f'"{cell}"'):
+                self._changes.add(change)
                 return change
         return self._find_thousands(cell)
 

@@ -60,6 +60,16 @@ class _Registry:
             return None
         return (schema, channel, message) if normalise_type(schema.name) in KNOWN else None
 
+    def refuse_other_encodings(self) -> None:
+        """Refuse a file that holds no signals of joints, but messages that are not written as those of ROS."""
+        others = {channel.message_encoding for channel in self.channels.values()} - {"cdr"}
+        if others:
+            raise RecordingError(
+                f"The messages of the file are written in {' and '.join(sorted(others))}; only those of ROS (cdr) are "
+                "read. Write them as a line of JSON each: mcap cat --json FILE > run.jsonl.",
+                title=TITLE,
+            )
+
 
 class _McapFile:
     def __init__(self, file: BoundedFile) -> None:
@@ -110,13 +120,8 @@ class _McapFile:
             for key, channel in summary.channels.items()
             if channel.schema_id in summary.schemas and normalise_type(summary.schemas[channel.schema_id].name) in KNOWN
         }
-        others = {channel.message_encoding for channel in summary.channels.values()} - {"cdr"}
-        if not known_channels and others:
-            raise RecordingError(
-                f"The messages of the file are written in {' and '.join(sorted(others))}; only those of ROS (cdr) are "
-                "read. Write them as a line of JSON each: mcap cat --json FILE > run.jsonl.",
-                title=TITLE,
-            )
+        if not known_channels:
+            summary.refuse_other_encodings()
         chunks = sorted(summary.chunks, key=lambda index: (index.message_start_time, index.chunk_start_offset))
         # A file without indices of messages does not say which channels are in a chunk.
         chunks = [
@@ -161,6 +166,8 @@ class _McapFile:
                     heapq.heappush(waiting, (record.log_time, next(number), joint_message))
                 if len(waiting) > _AHEAD:
                     yield heapq.heappop(waiting)[2]
+        if not next(number):
+            registry.refuse_other_encodings()
         while waiting:
             yield heapq.heappop(waiting)[2]
 

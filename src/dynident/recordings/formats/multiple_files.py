@@ -28,7 +28,15 @@ from dynident.recordings.sample_series_join import JoinedSamples, SampleSeries, 
 from dynident.recordings.time_columns import is_time_name
 
 _LOOKED_AT = 1000
-_WORKBOOK = "[Content_Types].xml"
+_FOREIGN = {
+    "[Content_Types].xml": "an Excel workbook (.xlsx): save the sheet as CSV.",
+    "content.xml": "a spreadsheet (.ods): save the sheet as CSV.",
+    ".zgroup": "an array store of Zarr: write its arrays with np.savez('run.npz', t=t, q=q, tau=tau).",
+    "zarr.json": "an array store of Zarr: write its arrays with np.savez('run.npz', t=t, q=q, tau=tau).",
+    "data.pkl": "one of PyTorch, with a pickle in it, which may run programs and is never opened: save the arrays with "
+    "np.savez('run.npz', t=t, q=q, tau=tau), or the table as CSV or Parquet.",
+}
+"""Members of archives that are no recordings, and what these are."""
 _BROKEN = (BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError)
 """What Python's reader of archives raises of damaged ones; of what is encrypted, RuntimeError."""
 
@@ -421,14 +429,9 @@ def has_arrays(path: Path) -> bool:
             names = archive.namelist()
     except _BROKEN:
         return True
-    if _WORKBOOK in names:
-        raise RecordingError("The file is an Excel workbook (.xlsx): save the sheet as CSV.", title=TITLE)
-    if any(PurePosixPath(name).name == "data.pkl" for name in names):
-        raise RecordingError(
-            "The file is one of PyTorch, with a pickle in it, which may run programs and is never opened: save the "
-            "arrays with np.savez('run.npz', t=t, q=q, tau=tau), or the table as CSV or Parquet.",
-            title=TITLE,
-        )
+    members = {PurePosixPath(name).name for name in names}
+    for member in _FOREIGN.keys() & members:
+        raise RecordingError(f"The file is {_FOREIGN[member]}", title=TITLE)
     return not names or any(name.endswith(".npy") for name in names)
 
 

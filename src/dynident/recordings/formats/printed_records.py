@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from typing import IO, Any, Literal
 
 from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, MOST_TIMES, TITLE
-from dynident.recordings.formats.text_streams import ProducedStream, TextContent, has_labelled_numbers
+from dynident.recordings.formats.text_streams import ProducedStream, TextContent, find_labels
 from dynident.recordings.recording_metadata import RecordingError
 
 Kind = Literal["python", "messages", "items", "protobuf"]
@@ -60,7 +60,7 @@ def find_printed_kind(content: TextContent) -> Kind | None:
     # The last line may be cut off.
     whole = text.splitlines()[:-1]
     # A table whose numbers have words before them may begin with the level of the log: INFO: t=0.1 q=0.2.
-    if has_labelled_numbers(whole):
+    if find_labels(whole) is not None:
         return None
     lines = [line.rstrip() for line in _join_brackets(iter(whole)) if line.strip()]
     if lines and lines[0].startswith(_SEPARATOR):

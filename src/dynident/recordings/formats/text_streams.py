@@ -8,6 +8,7 @@ import re
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -118,13 +119,16 @@ class _DecompressedStream(ProducedStream):
 _READ_BYTES = 1 << 18
 _ITEM = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+|nan|NaN|inf)(?:[eE][+-]?\d+)?"
 _LIST = re.compile(
-    r'(?P<before>^|[,;\t|])[ ]*"?(?:(?:[A-Za-z.]+\()?[\[(](?P<items>[^\[\](){}]*)[\])](?:\s*,[^\[\](){}"\n]*\))?\)?'
+    r'(?P<before>^|[,;\t|])[ ]*"?(?:(?:[A-Za-z.]+\()?[\[('
+    r'](?=\s*[\])]|[^\[\](){}]*(?:[\'",]|(?<![A-Za-z_\d])\d|[Nn]a[Nn]|inf))'
+    r'(?P<items>[^\[\](){}]*)[\])](?:\s*,[^\[\](){}"\n]*\))?\)?'
     rf"|\{{[ ]*(?P<numbers>{_ITEM}(?:[,; \t]+{_ITEM})*)[,; \t]*\}})"
     r'"?(?=[ ]*(?:[,;\t|]|\r?$))',
     re.MULTILINE,
 )
 """A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `{0.1, 0.2}`, `[0.1 0.2]` over several lines,
-`array([0.1, 0.2])`. In braces other cells have objects, or flags: there numbers alone are a list."""
+`array([0.1, 0.2])`. Words alone, `[ready]`, are a state. In braces other cells have objects, or flags: there
+numbers alone are a list."""
 _BETWEEN = re.compile(r"[\s,;]+")
 _MARK = "\1"
 _TRIES = 64
@@ -167,32 +171,13 @@ def _rewrite_cell(cell: re.Match[str], write: Callable[[list[str], str], str]) -
 
 
 _SPACED_QUOTE = re.compile(r'(?m)(^|[,;\t|])[ ]+(?=")')
+"""Spaces before the quotes of cells, with which these would not be quotes."""
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]\d{1,3}(?!\w))")
 """The exponent of a number as Fortran writes it: 1.5D+02."""
 _POINTS = re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:\.\d{3})+)(?=[,;\t|\s\"]|$)")
 _COMMAS = re.compile(r"(?<![\w.,])([+-]?\d{1,3}(?:,\d{3})+)(?![\d,])")
 _QUOTED_COMMAS = re.compile(r'(?<=")([+-]?\d{1,3}(?:,\d{3})+)(?=[."])')
 """Signs between thousands: 1.234,5, and 1,234.5, in quotes alone where commas separate the columns."""
-
-
-def has_spaced_quotes(text: str) -> bool:
-    """Return whether spaces stand before the quotes of cells."""
-    return _SPACED_QUOTE.search(text) is not None
-
-
-def close_up_quotes(text: str) -> str:
-    """Return the text without the spaces before the quotes of cells, with which these would not be quotes."""
-    return _SPACED_QUOTE.sub(r"\1", text)
-
-
-def has_fortran_exponents(text: str) -> bool:
-    """Return whether numbers have exponents with a D."""
-    return _FORTRAN.search(text) is not None
-
-
-def replace_fortran_exponents(text: str) -> str:
-    """Return the text with an E in the exponents of numbers."""
-    return _FORTRAN.sub("E", text)
 
 
 _SIGN = re.compile("[\u2212\u2013](?=[.\\d])")
@@ -254,16 +239,7 @@ def put_minus_before(text: str) -> str:
 
 
 _NO_CELLS = re.compile(r"(?m)^[;,\t|]{2,}[ ]*(?=\r?$)")
-
-
-def has_rows_without_cells(text: str) -> bool:
-    """Return whether rows have separators alone."""
-    return _NO_CELLS.search(text) is not None
-
-
-def remove_rows_without_cells(text: str) -> str:
-    """Return the text with empty lines, which count as no rows, in the place of separators alone."""
-    return _NO_CELLS.sub("", text)
+"""Rows of separators alone, which count as none if their lines are empty."""
 
 
 _STAMP_OF_DIGITS = re.compile(
@@ -303,15 +279,20 @@ def _is_in_most_lines(pattern: re.Pattern[str], text: str) -> bool:
     return n_lines > 2 and len(pattern.findall(text)) > _MOST_LINES * n_lines
 
 
+def _replace(pattern: re.Pattern[str], by: str) -> tuple[Callable[[str], bool], Callable[[str], str]]:
+    """Return whether a text has a pattern, and the text with something else in its place."""
+    return lambda text: pattern.search(text) is not None, partial(pattern.sub, by)
+
+
 CHANGES_OF_CELLS = (
     (has_marked_rows, unmark_rows),
     (has_stamps_of_digits, separate_stamps),
     (has_minus_elsewhere, put_minus_before),
-    (has_rows_without_cells, remove_rows_without_cells),
+    _replace(_NO_CELLS, ""),
     (has_names_on_lines, join_names_on_lines),
     (has_quoted_decimals, replace_quoted_decimals),
-    (has_spaced_quotes, close_up_quotes),
-    (has_fortran_exponents, replace_fortran_exponents),
+    _replace(_SPACED_QUOTE, r"\1"),
+    _replace(_FORTRAN, "E"),
     (has_typographic_signs, replace_typographic_signs),
 )
 """What cells may have that numbers are read without: whether a text has it, and the text without it."""
@@ -325,47 +306,55 @@ def join_thousands(text: str, decimal_point: str, delimiter: str) -> str:
 
 
 _LABELLED = re.compile(r"(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=][ ]*[\[(]?[ ]*(?=[+-]?[.\d])")
+_BARE = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_]\w*)[ ]+(?=[+-]?[.\d])")
+"""A word before numbers with a sign between, and with spaces alone."""
 _FREE_NUMBER = re.compile(r"(?<![\w.])[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
 
 
-def name_labelled_numbers(line: str) -> tuple[str, ...]:
+def name_labelled_numbers(line: str, label: re.Pattern[str] = _LABELLED) -> tuple[str, ...]:
     """Return names for the numbers of a line in which words stand before them, `q: 0.1 0.2 tau=3`: q1, q2, tau."""
-    labels = [(match.end(), match["label"]) for match in _LABELLED.finditer(line)]
+    labels = [(match.end(), match["label"]) for match in label.finditer(line)]
     # Indices within labels are no numbers of their own.
-    taken = [match.span() for match in _LABELLED.finditer(line)]
+    taken = [match.span() for match in label.finditer(line)]
     own: list[str] = []
     for number in _FREE_NUMBER.finditer(line):
         if any(begin <= number.start() < end for begin, end in taken):
             continue
-        before = [label for end, label in labels if end <= number.start()]
+        before = [word for end, word in labels if end <= number.start()]
         own.append(before[-1] if before else "column")
-    counts = {label: own.count(label) for label in own}
+    counts = {word: own.count(word) for word in own}
     seen = dict.fromkeys(own, 0)
     names = []
-    for label in own:
-        seen[label] += 1
-        joint = "_" if label[-1].isdigit() else ""
-        names.append(label if counts[label] == 1 and label != "column" else f"{label}{joint}{seen[label]}")
+    for word in own:
+        seen[word] += 1
+        joint = "_" if word[-1].isdigit() else ""
+        names.append(word if counts[word] == 1 and word != "column" else f"{word}{joint}{seen[word]}")
     return tuple(names)
 
 
-def has_labelled_numbers(lines: list[str]) -> bool:
-    """Return whether lines are no table but numbers with words before them, the same in nearly all."""
+def find_labels(lines: list[str]) -> re.Pattern[str] | None:
+    """Return how words stand before the numbers of lines that are no table, the same in nearly all; None of others."""
     rows = [line for line in lines if line.strip()][-_LABELLED_LINES:]
     if len(rows) < 2 or any(sign in rows[-1] for sign in '"{'):
-        return False
-    names = [name_labelled_numbers(row) for row in rows]
-    usual = names[-1]
-    labels = {match["label"] for match in _LABELLED.finditer(rows[-1])}
-    return len(usual) > 2 and len(labels) > 1 and names.count(usual) >= 0.8 * len(names)
+        return None
+    # Words and numbers between other signs than spaces are cells of a table.
+    for label in (_LABELLED,) if set(",;\t|") & set(rows[-1]) else (_LABELLED, _BARE):
+        words = {match["label"] for match in label.finditer(rows[-1])}
+        names = [name_labelled_numbers(row, label) for row in rows if len(words) > 1]
+        usual = names[-1] if names else ()
+        # Without a sign they may be so as well: what has lists behind several words is no table.
+        has_lists = sum(f"{word}2" in usual or f"{word}_2" in usual for word in words) > 1
+        if len(usual) > 2 and (label is _LABELLED or has_lists) and names.count(usual) >= 0.8 * len(names):
+            return label
+    return None
 
 
-def keep_numbers(text: str) -> str:
+def keep_numbers(text: str, label: re.Pattern[str] = _LABELLED) -> str:
     """Return the numbers of each line alone, with commas between them."""
     lines = []
     for line in text.splitlines():
-        plain = _LABELLED.sub(" ", line)
-        lines.append(",".join(match[0] for match in _FREE_NUMBER.finditer(plain)) if _LABELLED.search(line) else "")
+        plain = label.sub(" ", line)
+        lines.append(",".join(match[0] for match in _FREE_NUMBER.finditer(plain)) if label.search(line) else "")
     return "\n".join([*lines, ""])
 
 
@@ -391,9 +380,9 @@ LineForm = tuple[tuple[str, ...], Callable[[str], str], str]
 
 def find_line_form(lines: list[str]) -> LineForm | None:
     """Return the columns of lines that are no table, what makes one of them, and a remark on it; None of tables."""
-    if has_labelled_numbers(lines):
+    if (label := find_labels(lines)) is not None:
         remark = "The lines are numbers with words before them: the words are taken for the names of columns."
-        return name_labelled_numbers(lines[-1]), keep_numbers, remark
+        return name_labelled_numbers(lines[-1], label), partial(keep_numbers, label=label), remark
     if _is_in_most_lines(_PLOTTED, "\n".join(lines)):
         return ("time", "variable", "value"), separate_plotted, "Each line is a name, a time and a value of it."
     return None
