@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -195,3 +197,27 @@ def test_a_span_in_which_alone_a_joint_moves_is_not_left_out():
     model = identify(robot, [recording], [], IdentificationChoices(WITH_OFFSET))
     # What is left without these seconds determines nothing of the last joint: the diagnosis looks at all there is.
     assert diagnose(model, [recording]).residual_rms.shape == (robot.n,)
+
+
+def test_equations_of_many_joints_take_memory_for_their_own_columns_alone():
+    rng = np.random.default_rng(3)
+    n, rows, own = 30, 1000, 4
+    truth, columns = rng.normal(size=n * own), [np.arange(own * j, own * (j + 1)) for j in range(n)]
+    folded = FactorAccumulator(columns, n * own, 0.999)
+    equations = []
+    for joint in columns:
+        w = rng.normal(size=(rows, own))
+        y = w @ truth[joint] + 0.1 * rng.normal(size=rows)
+        y[500:650] += 3.0
+        equations.append(np.column_stack([w, y]))
+    folded.push(0.02 * np.arange(rows), equations)
+    data = folded.finish()
+    tracemalloc.start()
+    found = find_outlying_spans(data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    (span,) = found.spans
+    assert (span.start, span.end) == (pytest.approx(10.0, abs=1.0), pytest.approx(13.0, abs=1.0))
+    np.testing.assert_allclose(found.values, truth, atol=0.05)
+    # Products of all columns for every equation and block would be 230 MB, twice.
+    assert peak < 60e6
