@@ -3,8 +3,9 @@
     python benchmarks/rows_or_products.py
 
 Says from how many rows a stretch on products are the quicker way: `_MOST_ROWS` of
-`dynident.diagnosis.candidates.inner_product_accumulation`. Making the products is part of their time, and done once;
-scores are read in some ten rounds of a diagnosis.
+`dynident.diagnosis.candidates.inner_product_accumulation`; and from how many on they are fewer numbers, which decides
+where joints are many. Every candidate has its two columns on one joint, as friction has. Making the products is part of
+their time, and done once; scores are read in some ten rounds of a diagnosis.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import time
 
 import numpy as np
 from common import FloatArray, show
+from numpy.typing import NDArray
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import score_candidates
@@ -27,7 +29,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--candidates", type=int, default=CANDIDATES, help="of two columns each")
     candidates = parser.parse_args().candidates
-    rows = [("rows a stretch", "from rows", "from products", "products / rows", "difference")]
+    rows = [
+        ("rows a stretch", "from rows", "from products", "products / rows", "rows / products in memory", "difference")
+    ]
     for count in ROWS:
         kept, folded = stacks_of(count, candidates)
         start = time.perf_counter()
@@ -41,7 +45,9 @@ def main() -> None:
         other = time.perf_counter() - start
         mine, rival = ROUNDS * reading, making + ROUNDS * other
         difference = float(np.abs(ours / theirs - 1.0).max())
-        rows.append((f"{count}", f"{mine:.2f} s", f"{rival:.2f} s", f"{rival / mine:.2f}", f"{difference:.0e}"))
+        memory = sum(stack.columns.nbytes for stack in kept) / sum(stack.values.nbytes for stack in products)
+        times = f"{mine:.2f} s", f"{rival:.2f} s", f"{rival / mine:.2f}"
+        rows.append((f"{count}", *times, f"{memory:.2f}", f"{difference:.0e}"))
     show(f"{JOINTS} joints, {STRETCHES} stretches, {ROUNDS} rounds of {candidates} candidates of two columns", rows)
 
 
@@ -49,8 +55,15 @@ def stacks_of(count: int, candidates: int) -> tuple[list[RowStack], list[RowStac
     """The same rows of every joint twice: what has been read once is in the cache."""
     random = np.random.default_rng(count)
     row_block = np.repeat(np.arange(STRETCHES), count)
-    values = [random.normal(size=(len(row_block), BASE + 2 * candidates + 1)) for _ in range(JOINTS)]
+    widths = [len(columns_of(joint, candidates)) + 1 for joint in range(JOINTS)]
+    values = [random.normal(size=(len(row_block), width)) for width in widths]
     return tuple([RowStack(each.copy(), row_block, STRETCHES) for each in values] for _ in range(2))
+
+
+def columns_of(joint: int, candidates: int) -> NDArray[np.intp]:
+    """The columns of the model, and of the candidates on a joint."""
+    own = [BASE + 2 * k + i for k in range(joint, candidates, JOINTS) for i in range(2)]
+    return np.array([*range(BASE), *own], dtype=np.intp)
 
 
 def made(stack: RowStack) -> FloatArray:
@@ -61,7 +74,10 @@ def made(stack: RowStack) -> FloatArray:
 def scores(stacks: list[RowStack] | list[ProductStack], candidates: int) -> FloatArray:
     """(candidates,): squared error that is left with each."""
     width = BASE + 2 * candidates
-    position = tuple(np.arange(width) for _ in range(JOINTS))
+    position = tuple(np.full(width, -1) for _ in range(JOINTS))
+    for joint, where in enumerate(position):
+        columns = columns_of(joint, candidates)
+        where[columns] = np.arange(len(columns))
     counts, run = np.ones((STRETCHES, JOINTS)), np.zeros(STRETCHES, dtype=np.intp)
     data = Products(tuple((stack,) for stack in stacks), position, counts, run)
     tried = [Candidate("offset", (), (), (BASE + 2 * k, BASE + 2 * k + 1)) for k in range(candidates)]

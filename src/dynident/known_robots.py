@@ -77,10 +77,15 @@ def locate_robot(text: str) -> Path | None:
     if path.suffix or len(path.parts) > 1:
         raise DynidentError(_describe_missing_file(path), pointer="ROBOT", title="Unknown robot")
     alike = [name for name in stock if name.startswith(f"{text}_")] if text else []
-    if len(alike) == 1:
-        return stock[alike[0]]
+    # The plain machine, of which the others are variants: their names say the same and more ("with hand").
+    plain = [name for name in alike if all(set(name.split("_")) <= set(other.split("_")) for other in alike)]
+    if len(plain) == 1:
+        return stock[plain[0]]
     if alike:
-        detail = f"several robots of {_STOCK_PACKAGE} begin with {text!r}: {', '.join(alike)}; name one of them"
+        detail = (
+            f"several robots of {_STOCK_PACKAGE} begin with {text!r}; in place of {text!r} type one of: "
+            f"{', '.join(alike)}"
+        )
     else:
         names = (*list_library_arms(), *sorted(stock))
         if not stock:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -231,3 +233,27 @@ def test_where_nothing_is_disturbed_no_span_is_solved_without(monkeypatch):
 
     monkeypatch.setattr(outlying_spans._SpanSearch, "_compute_rest_squares", solve)
     assert not find_outlying_spans(model.data.training).spans
+
+
+def test_equations_of_many_joints_take_memory_for_their_own_columns_alone():
+    rng = np.random.default_rng(3)
+    n, rows, own = 30, 1000, 4
+    truth, columns = rng.normal(size=n * own), [np.arange(own * j, own * (j + 1)) for j in range(n)]
+    folded = FactorAccumulator(columns, n * own, 0.999)
+    equations = []
+    for joint in columns:
+        w = rng.normal(size=(rows, own))
+        y = w @ truth[joint] + 0.1 * rng.normal(size=rows)
+        y[500:650] += 3.0
+        equations.append(np.column_stack([w, y]))
+    folded.push(0.02 * np.arange(rows), equations)
+    data = folded.finish()
+    tracemalloc.start()
+    found = find_outlying_spans(data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    (span,) = found.spans
+    assert (span.start, span.end) == (pytest.approx(10.0, abs=1.0), pytest.approx(13.0, abs=1.0))
+    np.testing.assert_allclose(found.values, truth, atol=0.05)
+    # Products of all columns for every equation and block would be 230 MB, twice.
+    assert peak < 60e6

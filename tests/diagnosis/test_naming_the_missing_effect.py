@@ -293,7 +293,7 @@ def test_a_search_goes_on_beside_the_best_constants_of_what_it_found_and_not_bes
 
     def search(*asked):
         earlier = asked[4]
-        constants.append([] if earlier is None else [finding.judged.candidate.shape for finding in earlier.added])
+        constants.append([] if earlier is None else [choice.shape for choice in earlier.choices])
         return forward_selection.search_findings(*asked)
 
     monkeypatch.setattr(diagnose_model, "search_findings", search)

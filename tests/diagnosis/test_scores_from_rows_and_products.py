@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates import inner_product_accumulation
+from dynident.diagnosis.candidates import inner_product_accumulation, products_of_scored_pairs
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
+from dynident.diagnosis.candidates.products_of_scored_pairs import RowErrors
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
@@ -20,12 +21,11 @@ CANDIDATES = [
 ]
 
 
-def gathered(most_rows: int, monkeypatch: pytest.MonkeyPatch) -> Products:
+def gathered(expected: int) -> Products:
     """Rows pushed in pieces that begin in the middle of stretches; the second joint lacks some of the columns."""
-    monkeypatch.setattr(inner_product_accumulation, "_MOST_ROWS", most_rows)
     random = np.random.default_rng(0)
     having = [np.arange(COLUMNS), np.array([0, 2, 3, 5, 8]), np.arange(COLUMNS)]
-    collected = RowAccumulator([len(columns) for columns in having], 2, STRETCHES)
+    collected = RowAccumulator([len(columns) for columns in having], 2, expected)
     for piece in range(PIECES):
         row_block = np.sort(random.integers(0, STRETCHES, 70)) if piece else np.arange(70) % STRETCHES
         rows = [random.normal(size=(70, len(columns) + 1)) for columns in having]
@@ -42,8 +42,8 @@ def gathered(most_rows: int, monkeypatch: pytest.MonkeyPatch) -> Products:
 
 
 @pytest.mark.parametrize("kind", ["interleaved", "contiguous"])
-def test_scores_from_rows_are_those_from_products(kind, monkeypatch):
-    few, many = gathered(1000, monkeypatch), gathered(1, monkeypatch)
+def test_scores_from_rows_are_those_from_products(kind):
+    few, many = gathered(1000), gathered(1)
     assert isinstance(few.stacks[0][0], RowStack)
     assert isinstance(many.stacks[0][0], ProductStack)
     np.testing.assert_array_equal(few.counts, many.counts)
@@ -56,15 +56,15 @@ def test_scores_from_rows_are_those_from_products(kind, monkeypatch):
         np.testing.assert_allclose(mine.measured, other.measured)
 
 
-def test_what_stretches_add_to_the_scores_is_the_same_from_rows_and_from_products(monkeypatch):
-    few, many = gathered(1000, monkeypatch), gathered(1, monkeypatch)
+def test_what_stretches_add_to_the_scores_is_the_same_from_rows_and_from_products():
+    few, many = gathered(1000), gathered(1)
     pairs = zip(*(compute_contributions(data, BASE, CANDIDATES, NOISE) for data in (few, many)), strict=True)
     for mine, other in pairs:
         np.testing.assert_allclose(np.abs(mine), np.abs(other), atol=1e-8)
 
 
-def test_single_products_are_the_same_of_both(monkeypatch):
-    few, many = gathered(1000, monkeypatch), gathered(1, monkeypatch)
+def test_single_products_are_the_same_of_both():
+    few, many = gathered(1000), gathered(1)
     places = np.arange(5)
     for joint in range(JOINTS):
         np.testing.assert_allclose(
@@ -73,3 +73,45 @@ def test_single_products_are_the_same_of_both(monkeypatch):
             atol=1e-10,
         )
         np.testing.assert_allclose(*(own.sum_products(joint, places, places) for own in (few, many)), atol=1e-10)
+
+
+def test_rows_of_many_joints_are_kept_as_long_as_they_are_fewer_than_their_products(monkeypatch):
+    monkeypatch.setattr(inner_product_accumulation, "_MOST_ROWS", 4)
+    random, width, blocks = np.random.default_rng(1), 30, 10
+
+    def collect(n_joints: int, n_rows: int) -> set[type]:
+        collected = RowAccumulator([width] * n_joints, 1, blocks)
+        row_block = np.repeat(np.arange(blocks), n_rows)
+        rows = [random.normal(size=(len(row_block), width + 1)) for _ in range(n_joints)]
+        collected.push(row_block, rows, [np.ones((len(row_block), n_joints), dtype=bool)])
+        ((stacks, _),) = collected.finish(blocks)
+        return {type(stack) for stack in stacks}
+
+    monkeypatch.setattr(inner_product_accumulation, "_MOST_PRODUCTS", 5 * (width + 1) ** 2 * blocks)
+    # Twenty rows a block are fewer numbers than the products of thirty columns.
+    assert collect(5, 20) == {ProductStack}
+    assert collect(12, 20) == {RowStack}
+    assert collect(12, 40) == {ProductStack}
+
+
+def test_rows_are_read_some_blocks_at_a_time_and_joints_that_a_candidate_leaves_alone_not_at_all(monkeypatch):
+    random = np.random.default_rng(2)
+    # Two limbs of one joint each: nothing joins their parameters.
+    row_block = np.repeat(np.arange(STRETCHES), 20)
+    stacks = [RowStack(random.normal(size=(len(row_block), 5)), row_block, STRETCHES) for _ in range(2)]
+    position = [np.full(8, -1) for _ in range(2)]
+    for joint, columns in enumerate(([0, 1, 4, 5], [2, 3, 6, 7])):
+        position[joint][columns] = np.arange(4)
+    counts, run = np.full((STRETCHES, 2), 20.0), np.zeros(STRETCHES, dtype=np.intp)
+    data = Products(tuple((stack,) for stack in stacks), tuple(position), counts, run)
+    candidates = [Candidate("offset", (), (), (k,)) for k in range(4, 8)]
+    whole = score_candidates(data, BASE, candidates, np.ones(2), "interleaved")
+    adjusted = []
+    monkeypatch.setattr(products_of_scored_pairs, "_MOST_VALUES", 100)
+    monkeypatch.setattr(RowErrors, "_compute_adjusted_errors", lambda *asked: adjusted.append(asked))
+    pieces = score_candidates(data, BASE, candidates, np.ones(2), "interleaved")
+    assert not adjusted
+    np.testing.assert_allclose(pieces[0], whole[0], rtol=1e-12)
+    for mine, other, joint in zip(pieces[1], whole[1], (0, 0, 1, 1), strict=True):
+        np.testing.assert_allclose(mine.after, other.after, rtol=1e-9)
+        np.testing.assert_array_equal(mine.after[:, 1 - joint], mine.before[:, 1 - joint])

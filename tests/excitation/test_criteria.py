@@ -111,3 +111,19 @@ def test_earlier_rows_count_as_rows_of_their_own():
     whole, of_all = build_smooth_criterion(CriterionChoice("d_optimal"), A_PRIORI)(np.concatenate([w, earlier]))
     assert value == pytest.approx(whole, rel=1e-12)
     np.testing.assert_allclose(gradient, of_all[: len(w)], rtol=1e-9)
+
+
+def test_equations_of_many_joints_are_multiplied_one_by_one():
+    # A limb of twelve links of four parameters each: a joint carries those behind it.
+    chain = np.kron(np.triu(np.ones((12, 12), dtype=bool)), np.ones((1, 4), dtype=bool))
+    # Three of them on a common trunk.
+    present = np.block([[np.ones((1, 144), dtype=bool)], [np.kron(np.eye(3, dtype=bool), chain)]])
+    rng = np.random.default_rng(2)
+    w = (rng.standard_normal((7, *present.shape)) * present).reshape(-1, 144)
+    structure = RowStructure.from_entries(present)
+    read = sum(len(columns) ** 2 for columns in structure.equations)
+    assert read < 0.2 * len(present) * 144**2
+    np.testing.assert_allclose(structure.compute_information(w), w.T @ w, atol=1e-12)
+    slope = rng.standard_normal((144, 144))
+    product = (w @ slope).reshape(-1, *present.shape) * present
+    np.testing.assert_allclose(structure.multiply(w, slope).reshape(product.shape), product, atol=1e-12)

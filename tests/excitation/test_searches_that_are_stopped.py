@@ -70,6 +70,19 @@ def test_the_time_that_was_taken_before_counts() -> None:
     assert budget.elapsed > 50.0
 
 
+def test_a_part_of_the_time_is_one_of_what_is_left_when_it_begins() -> None:
+    budget = Budget(None, 60.0)
+    # Building the columns of a machine with many joints took more than the random motions may take.
+    budget.add_elapsed(30.0)
+    is_over = budget.start_part(0.3)
+    assert not is_over()
+    budget.add_elapsed(8.0)
+    assert not is_over()
+    budget.add_elapsed(2.0)
+    assert is_over()
+    assert not Budget(None, None).start_part(0.3)()
+
+
 @pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 half of it"])
 def test_a_checkpoint_that_cannot_be_read_is_none(content: bytes | None) -> None:
     assert read_checkpoint(content) is None

@@ -227,6 +227,7 @@ def test_a_mass_that_was_added_to_the_trunk_is_found_there(robot: Robot, tmp_pat
     (change,) = changes
     assert (change.choice.effect, change.choice.joints) == ("payload", ("base_roll",))
     assert "Added mass on trunk" in changes.summary
+    assert set(changes.to_frame()["joint"]) == {"trunk"}
     assert change.evidence.startswith("Added mass on trunk: Mp6 differs")
     values = {value.parameter: value.value for value in (change.main, *change.more)}
     assert values["Mp6"] == pytest.approx(0.5, rel=0.02)

@@ -11,6 +11,7 @@ from dynident.known_robots import list_library_arms, list_stock_robots, locate_r
 from dynident.robot import robot_from_library
 
 STOCK = "cmeel.prefix/share/example-robot-data/robots"
+WALKERS = ("walker_12dof_v1", "walker_12dof_v1_box", "walker_12dof_with_hand_v1")
 
 
 @pytest.fixture
@@ -24,6 +25,9 @@ def stock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "g1_description/urdf/g1_plain.urdf",
         "g1_description/urdf/g1_hands.urdf",
         "leg_description/urdf/leg_robot.urdf",
+        "walker_description/urdf/walker_12dof_with_hand_v1.urdf",
+        "walker_description/urdf/walker_12dof_v1.urdf",
+        "walker_description/urdf/walker_12dof_v1_box.urdf",
     ):
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
         (folder / place).write_text("<robot name='r'/>")
@@ -32,15 +36,20 @@ def stock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_stock_robots_have_the_name_of_their_file_or_of_their_package(stock: Path) -> None:
-    assert set(list_stock_robots()) == {"a", "b", "arm7", "g1_plain", "g1_hands", "leg_robot"}
+    assert set(list_stock_robots()) == {"a", "b", "arm7", "g1_plain", "g1_hands", "leg_robot", *WALKERS}
     assert locate_robot("a") == stock / "a_description/urdf/dog.urdf"
     assert locate_robot("arm7") == stock / "arm_description/urdf/arm7.urdf"
 
 
 def test_the_beginning_of_a_name_is_enough_where_one_robot_has_it(stock: Path) -> None:
     assert locate_robot("leg") == stock / "leg_description/urdf/leg_robot.urdf"
-    with pytest.raises(DynidentError, match="begin with 'g1': g1_hands, g1_plain"):
+    with pytest.raises(DynidentError, match="begin with 'g1'; in place of 'g1' type one of: g1_hands, g1_plain"):
         locate_robot("g1")
+
+
+def test_of_variants_of_one_robot_the_plain_one_is_meant(stock: Path) -> None:
+    assert locate_robot("walker") == stock / "walker_description/urdf/walker_12dof_v1.urdf"
+    assert locate_robot("walker_12dof_with_hand_v1").stem == "walker_12dof_with_hand_v1"
 
 
 def test_a_file_comes_first_and_then_the_arms_of_this_package(stock: Path, tmp_path: Path) -> None:

@@ -146,6 +146,9 @@ class Change(ChangedValue):
     equivalent: list[str] = Field(
         default=[], description="Effects or joints that these data cannot distinguish from it"
     )
+    carrier: str = Field(
+        default="", description="Name of the link that it is on, where that is a floating base; else empty"
+    )
     more: list[ChangedValue] = Field(default=[], description="Its other parameters")
 
 

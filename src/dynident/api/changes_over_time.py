@@ -287,7 +287,7 @@ class Changes(Sequence[Change], Framed):
         rows = [
             (
                 change.choice.effect,
-                format_joints(change.choice.joints, self.model.robot.joint_names),
+                change.carrier or format_joints(change.choice.joints, self.model.robot.joint_names),
                 parameter_change.parameter,
                 parameter_change.before,
                 parameter_change.value,

@@ -71,6 +71,7 @@ def yield_changes(estimates: Estimates, finding: Finding, ranked: RankedEffect) 
     ranked : RankedEffect
         The same finding in the ranking.
     """
+    base = estimates.robot.joint_names[: estimates.robot.n_base]
     for joint in ranked.choice.joints or ("",):
         values = _list_changed_values(estimates, ranked.choice, joint)
         if not values or not _is_noticeable(values[0]) or _may_be_zero(estimates, ranked.choice, joint, values[0]):
@@ -90,6 +91,7 @@ def yield_changes(estimates: Estimates, finding: Finding, ranked: RankedEffect) 
             f"{ranked.evidence}{_word_gain_reservation(estimates.robot, choice)}"
             f"{_word_temperature_reservation(estimates, choice, joint)}",
             equivalent=tuple(dict.fromkeys(names)),
+            carrier=describe_carrier(estimates.robot, choice) if joint in base else "",
         )
 
 

@@ -55,7 +55,7 @@ from dynident.diagnosis.search.finding_refinement import (
     refine_findings,
 )
 from dynident.diagnosis.search.forward_selection import (
-    place_finding,
+    EarlierSearch,
     revisit_findings,
     search_findings,
     settle_findings,
@@ -225,8 +225,12 @@ def examine(
     question = _Question(identification, recordings, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
-    if search.record.state.findings:
-        leads, search = _search_again(question, leads, search, scale_progress(progress, 0.5, 0.7))
+    refined = _refine_search(question, leads, search, scale_progress(progress, 0.5, 0.56))
+    if refined is not None:
+        # Let the rows of the first search go before those of the second are gathered.
+        del search
+        leads, earlier = refined
+        search = _search_effects(question, leads, scale_progress(progress, 0.56, 0.7), earlier)
     family, record = search.family, search.record
     record.state = revisit_findings(record.state)
     findings, recommended, grown, undetermined, final = _refine_findings(
@@ -340,19 +344,15 @@ class _Search(NamedTuple):
 
 
 def _search_effects(
-    question: _Question,
-    leads: ShapeProposals,
-    progress: Progress,
-    earlier: _Search | None = None,
-    refined: Sequence[tuple[Finding, EffectChoice]] = (),
+    question: _Question, leads: ShapeProposals, progress: Progress, earlier: EarlierSearch | None = None
 ) -> _Search:
     """Search all effects on the grid of their shape constants, and settle what was found.
 
     A search with an earlier one goes on beside what that one found, refined.
     """
     model = question.identification.model
-    choices = [choice for _, choice in refined]
-    pool = build_pool(model, question.effects, leads, question.resolved, earlier and earlier.start.pool, choices)
+    known, choices = (None, ()) if earlier is None else (earlier.pool, earlier.choices)
+    pool = build_pool(model, question.effects, leads, question.resolved, known, choices)
     rows = RecordedSource(model, question.inputs)
     # One pass over the recordings: every score of the search comes from these products.
     data = rows.gather_products(pool, scale_progress(progress, 0.0, 0.5))
@@ -364,36 +364,34 @@ def _search_effects(
         start = start.add_finding(contact)
     start = start.estimate_noise() if contacts else start
     family = score_family(start, pool.initial_candidates)
-    known = earlier and earlier.record
-    if known is not None:
-        known.added = tuple(place_finding(finding, choice, pool, model) for finding, choice in refined)
-    record = search_findings(start, family, rows, scale_progress(progress, 0.5, 1.0), known)
+    record = search_findings(start, family, rows, scale_progress(progress, 0.5, 1.0), earlier)
     settle_findings(record)
     return _Search(start, family, record)
 
 
-def _search_again(
+def _refine_search(
     question: _Question, leads: ShapeProposals, search: _Search, progress: Progress
-) -> tuple[ShapeProposals, _Search]:
-    """Search on beside what was found, with refined shape constants, which hid lines of the residual, too.
+) -> tuple[ShapeProposals, EarlierSearch] | None:
+    """Refine what was found, and propose what it hid in the residual; None where another search would find the same.
 
     What constants of the grid are off by hides small effects, and gives others the wrong name: a delay beside a slip
     that was a third too short was called friction that depends on the position.
     """
     model, record = question.identification.model, search.record
-    findings, choices = refine_constants(
-        model, record.state.findings, question.inputs, question.resolved, scale_progress(progress, 0.0, 0.3)
-    )
+    if not record.state.findings:
+        return None
+    findings, choices = refine_constants(model, record.state.findings, question.inputs, question.resolved, progress)
     refined = RefinedModel.from_choices(model, findings, choices, question.since, question.inputs, question.floor)
     left = predict_with_findings(model, refined.state, question.inputs, question.comparisons)
     more_leads = leads.add_lines(left, model.robot)
     # Contacts are found anew at the start of every search.
     lasting = [pair for pair in zip(findings, choices, strict=True) if not pair[0].is_transient]
     before = [finding.judged.candidate.choice for finding in record.added]
+    last = [choice for _, choice in lasting]
     # Beside the same constants, and without a new line, it would end where it ended.
-    if more_leads is leads and [choice for _, choice in lasting] == before:
-        return leads, search
-    return more_leads, _search_effects(question, more_leads, scale_progress(progress, 0.3, 1.0), search, lasting)
+    if more_leads is leads and last == before:
+        return None
+    return more_leads, EarlierSearch(search.start.pool, [finding for finding, _ in lasting], last, record.losses)
 
 
 class _Refined(NamedTuple):

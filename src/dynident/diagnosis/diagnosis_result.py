@@ -126,6 +126,8 @@ class Change:
         What speaks for it, in words.
     equivalent : tuple of str
         Ids of effects, or names of joints where it is the same effect, that the data cannot tell from it.
+    carrier : str
+        Name of the link that it is on, where that is the floating base, which no joint moves; else empty.
     """
 
     choice: EffectChoice
@@ -134,6 +136,7 @@ class Change:
     p_value: float
     evidence: str
     equivalent: tuple[str, ...] = ()
+    carrier: str = ""
 
 
 @dataclass(frozen=True)

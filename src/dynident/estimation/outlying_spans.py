@@ -12,12 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.triangular_factors import Reduction
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 OUTLYING_RATIO = 25.0
 """Ratio above which a span counts as disturbed: five times the residual of the rest.
@@ -46,8 +45,9 @@ _QUIET = 1e-3
 
 # Added to the diagonal of normal equations in columns of unit length, see `_solve_products`.
 _RIDGE = 1e-9
-# Windows that are solved at once: enough for fast array operations, few enough for memory.
-_BATCH = 256
+# Numbers in the products of the windows that are solved at once: enough for fast array operations, few enough for
+# the cache.
+_BATCH = 2**19
 # Share of the ratio that the bounds of all windows have to stay below, so that rounding and the ridge do not decide.
 _CLEARLY = 0.9
 
@@ -124,69 +124,53 @@ def find_outlying_spans(reduction: Reduction, ratio: float = OUTLYING_RATIO) -> 
 class _SpanSearch:
     """Inner products of every equation and block, which a search for outlying spans leaves out.
 
-    Rows are counted (n, s), the blocks' segments (s,). `firsts` (s + 1,): the first fine block of every coarse one, and
-    their number.
+    Each of the n equations has products of the columns that it has, (s, p + 1, p + 1): of a machine with many joints
+    most equations have few. Rows are (n, s), the blocks' segments (s,). `firsts` (s + 1,): the first fine block of
+    every coarse one, and their number.
     """
 
     def __init__(self, reduction: Reduction) -> None:
-        c, self._spans = reduction.n_columns, reduction.spans
+        self._n_columns, self._spans = reduction.n_columns, reduction.spans
         run = _number_segments(reduction.spans)
         self._firsts = _find_block_edges(run)
         starts = self._firsts[:-1]
         self._run = run[starts]
-        # Rows and columns of each equation's products among those of all columns.
-        self._own: list[tuple[IndexArray, IndexArray]] = []
-        self._products: list[FloatArray] = []
-        self._total = np.zeros((len(reduction.equations), c + 1, c + 1))
-        for total, equation in zip(self._total, reduction.equations, strict=True):
-            own = np.append(equation.columns, c)
-            # Inner products instead of factors: they can be subtracted, which leaves a window out at no cost.
-            squared = equation.factors.transpose(0, 2, 1) @ equation.factors
-            self._own.append((own[:, None], own))
-            self._products.append(np.add.reduceat(squared, starts, axis=0))
-            total[self._own[-1]] = self._products[-1].sum(axis=0)
+        self._own = [np.append(equation.columns, reduction.n_columns) for equation in reduction.equations]
         counts = np.array([equation.counts for equation in reduction.equations], dtype=np.float64)
         self._counts = np.add.reduceat(counts, starts, axis=1)
-        self._rows = self._counts.sum(axis=1)
+        # Prefix sums: the products of any window are one difference, which makes hundreds of windows cheap.
+        self._sums = [_sum_prefixes(equation, starts) for equation in reduction.equations]
+        self._total, self._rows = [sums[-1] for sums in self._sums], self._counts.sum(axis=1)
         self._out = np.zeros(len(starts), dtype=bool)
         # The first guess of an equation's noise is all that it measured; rounds of the search replace it.
-        squares = self._total[:, -1, -1] / np.maximum(self._rows, 1.0)
+        squares = np.array([total[-1, -1] for total in self._total]) / np.maximum(self._rows, 1.0)
         # Wχ = 0, as of a base that nothing touches, measures nothing that its residual could be compared with.
-        squares = np.where((squares == 0) & self._total[:, :-1, :-1].any(axis=(1, 2)), np.inf, squares)
+        moves = np.array([total[:-1, :-1].any() for total in self._total])
+        squares = np.where((squares == 0) & moves, np.inf, squares)
         self._floor = _QUIET**2 * squares + np.finfo(float).tiny
         self._noise = np.maximum(squares, self._floor)
 
-    @cached_property
-    def _sums(self) -> FloatArray:
-        """Sums (n, s + 1, c + 1, c + 1) over the blocks before each: the products of any window are one difference."""
-        n, width = self._total.shape[:2]
-        sums = np.zeros((n, len(self._run) + 1, width, width))
-        for whole, own, products in zip(sums, self._own, self._products, strict=True):
-            whole[1:, own[0], own[1]] = np.cumsum(products, axis=0)
+    def _add_equations(self, products: Sequence[FloatArray]) -> FloatArray:
+        """Return the sum (..., c + 1, c + 1) of the equations' products, each in units of its noise."""
+        c = self._n_columns + 1
+        sums = np.zeros((*products[0].shape[:-2], c, c))
+        for own, each, noise in zip(self._own, products, self._noise, strict=True):
+            sums[..., own[:, None], own] += each / noise
         return sums
-
-    def _compute_rest_bounds(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the least squared residuals (s + 1,) of the blocks before each border, and of those behind it."""
-        width = self._total.shape[1]
-        blocks = np.zeros((len(self._run), width, width))
-        for weight, own, products in zip(weights, self._own, self._products, strict=True):
-            blocks[:, own[0], own[1]] += weight * products
-        blocks[self._out] = 0.0
-        before = np.concatenate([np.zeros((1, width, width)), np.cumsum(blocks, axis=0)])
-        behind = before[-1] - before
-        either = np.stack([before, behind])
-        squares = _compute_squares(either, _solve_products(either))
-        return squares[0], squares[1]
 
     def solve_parameters(self) -> FloatArray:
         """Return the parameters (c,) from all rows that are not left out."""
-        return _solve_products(np.tensordot(1.0 / self._noise, self._total, 1))
+        return _solve_products(self._add_equations(self._total))
 
     def leave_out(self, first: int, last: int) -> None:
         """Remove blocks from the data."""
-        self._total = self._total - (self._sums[:, last] - self._sums[:, first])
+        self._total = self._subtract_window(first, last)
         self._rows = self._rows - self._counts[:, first:last].sum(axis=1)
         self._out[first:last] = True
+
+    def _subtract_window(self, first: int, last: int) -> list[FloatArray]:
+        """Return the products of every equation without those of some blocks."""
+        return [total - (sums[last] - sums[first]) for total, sums in zip(self._total, self._sums, strict=True)]
 
     def describe_span(self, first: int, last: int, ratio: float) -> OutlyingSpan | None:
         """Describe blocks as a span; None where they are nearly a whole segment of several."""
@@ -213,19 +197,19 @@ class _SpanSearch:
     def find_best_window(self, ratio: float) -> tuple[int, int, float] | None:
         """Find the blocks without which the others leave least, and their ratio, where they stand out."""
         windows = self._list_windows()
-        c = self._total.shape[1] - 1
-        if not windows or self._rows.sum() <= c + 1:
+        if not windows or self._rows.sum() <= self._n_columns + 1:
             return None
         best = None
         rows = self._rows.sum()
         ends = np.array(windows)
         counted = np.append(0.0, np.cumsum(self._counts.sum(axis=0)))
         inside = counted[ends[:, 1]] - counted[ends[:, 0]]
-        freedom = np.maximum(rows - inside - c, 1.0)
+        freedom = np.maximum(rows - inside - self._n_columns, 1.0)
+        batch = max(1, _BATCH // (self._n_columns + 1) ** 2)
         finite = np.isfinite(self._floor)
         for number in range(_ROUNDS):
             weights = 1.0 / self._noise
-            total = np.tensordot(weights, self._total, 1)
+            total, sums = self._add_equations(self._total), self._add_equations(self._sums)
             # Squared residual of all rows, then of the rows outside each window, both with the same weights.
             whole = max(float(_compute_squares(total, _solve_products(total))), 0.0)
             # Noiseless data would divide by rounding errors.
@@ -233,16 +217,12 @@ class _SpanSearch:
             if number == 0:
                 # One solution for both sides of a window leaves at least what a solution for each side leaves. These
                 # are some dozens instead of hundreds, and mostly tell that no window stands out.
-                before, behind = self._compute_rest_bounds(weights)
+                before, behind = self._compute_rest_bounds(sums)
                 bound = np.maximum(before[ends[:, 0]] + behind[ends[:, 1]], least)
                 if np.all(np.maximum(whole - bound, 0.0) / inside < _CLEARLY * ratio * bound / freedom):
                     return None
-            sums = np.tensordot(weights, self._sums, 1)
             rest = np.concatenate(
-                [
-                    self._compute_rest_squares(total, sums, windows[k : k + _BATCH])
-                    for k in range(0, len(windows), _BATCH)
-                ]
+                [self._compute_rest_squares(total, sums, windows[k : k + batch]) for k in range(0, len(windows), batch)]
             )
             rest = np.maximum(rest, least)
             ratios = np.maximum(whole - rest, 0.0) / inside / (rest / freedom)
@@ -256,11 +236,22 @@ class _SpanSearch:
             a, b = windows[k]
             best = (a, b, float(ratios[k]))
             # The noise for the next round comes from the rows outside the best window: its own rows would raise it.
-            outside = self._total - (self._sums[:, b] - self._sums[:, a])
-            values = _solve_products(np.tensordot(weights, outside, 1))
+            outside = self._subtract_window(a, b)
+            values = _solve_products(self._add_equations(outside))
+            own_values = (values[own[:-1]] for own in self._own)
+            squares = [float(_compute_squares(*each)) for each in zip(outside, own_values, strict=True)]
             rows_left = np.maximum(self._rows - self._counts[:, a:b].sum(axis=1), 1.0)
-            self._noise = np.maximum(_compute_squares(outside, values) / rows_left, self._floor)
+            self._noise = np.maximum(np.array(squares) / rows_left, self._floor)
         return best
+
+    def _compute_rest_bounds(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the least squared residuals (s + 1,) of the blocks before each border, and of those behind it."""
+        blocks = np.diff(sums, axis=0)
+        blocks[self._out] = 0.0
+        before = np.concatenate([np.zeros_like(sums[:1]), np.cumsum(blocks, axis=0)])
+        either = np.stack([before, before[-1] - before])
+        squares = _compute_squares(either, _solve_products(either))
+        return squares[0], squares[1]
 
     def _compute_rest_squares(
         self, total: FloatArray, sums: FloatArray, windows: Sequence[tuple[int, int]]
@@ -268,6 +259,14 @@ class _SpanSearch:
         """Return the squared residual (w,) of the rows outside each window, solved from them."""
         outside = np.array([total - (sums[b] - sums[a]) for a, b in windows])
         return _compute_squares(outside, _solve_products(outside))
+
+
+def _sum_prefixes(equation: EquationFactors, starts: IndexArray) -> FloatArray:
+    """Return the products (s + 1, p + 1, p + 1) of an equation's columns over the blocks before each."""
+    # Inner products instead of factors: they can be subtracted, which leaves a window out at no cost.
+    squared = equation.factors.transpose(0, 2, 1) @ equation.factors
+    blocks = np.add.reduceat(squared, starts, axis=0)
+    return np.concatenate([np.zeros((1, *blocks.shape[1:])), np.cumsum(blocks, axis=0)])
 
 
 def _find_block_edges(run: IndexArray) -> IndexArray:

@@ -137,9 +137,8 @@ def build_change_table(
 def _build_change_row(change: Change, value: ChangedValue, joints: Sequence[str]) -> tuple[Cell, ...]:
     # The test is one of the whole change, not of each of its parameters.
     is_main = value is change.main
-    words = (
-        (get_effect_title(change.choice.effect), format_joints(change.choice.joints, joints)) if is_main else ("", "")
-    )
+    place = change.carrier or format_joints(change.choice.joints, joints)
+    words = (get_effect_title(change.choice.effect), place) if is_main else ("", "")
     return (
         *make_text_cells(*words, value.parameter),
         make_number_cell(value.before),

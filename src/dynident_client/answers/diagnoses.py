@@ -42,6 +42,8 @@ class Change(TypedDict):
 
     before: float | None
     """The earlier value, if the model has it"""
+    carrier: str
+    """Name of the link that it is on, where that is a floating base; else empty"""
     effect: str
     equivalent: list[str]
     """Effects or joints that these data cannot distinguish from it"""
@@ -357,6 +359,8 @@ class SeriesChange(TypedDict):
 
     before: float | None
     """The earlier value, if the model has it"""
+    carrier: str
+    """Name of the link that it is on, where that is a floating base; else empty"""
     earliest: str
     """First day from which on it explains the data about equally well"""
     effect: str

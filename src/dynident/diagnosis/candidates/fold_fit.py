@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -185,6 +186,75 @@ class OwnColumns:
         return np.asarray(scipy.sparse.csr_array((values, self.columns, self.ends), shape=shape) @ x)
 
 
+@dataclass(frozen=True, eq=False)
+class _SharedColumns:
+    """Candidates with p columns on the joint: these (g, p), and where their products (g, p, p) belong."""
+
+    columns: IndexArray
+    where: IndexArray
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Where products within candidates belong among those of all portions in a row.
+
+    Parameters
+    ----------
+    size : int
+        Number of products within candidates, all portions in a row.
+    squares, own : (d,)
+        Places of the squares of columns, and the columns that they are of.
+    several : tuple of _SharedColumns
+        Places of the products of candidates with several columns.
+    """
+
+    size: int
+    squares: IndexArray
+    own: IndexArray
+    several: tuple[_SharedColumns, ...]
+
+    @classmethod
+    def from_places(cls, place: IndexArray, n_columns: int, portions: Sequence[Batch]) -> Pairs:
+        """Find the places for one joint.
+
+        Parameters
+        ----------
+        place : (c,)
+            Where each column of the candidates stands among those of the joint, at the end where the joint lacks it.
+        n_columns : int
+            Number of columns that the joint has.
+        portions : sequence of Batch
+            The candidates, by number of columns.
+        """
+        squares, own, several, start = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [], 0
+        for portion in portions:
+            k = portion.width
+            places = place[portion.columns]
+            has = places < n_columns
+            flat = start + np.arange(places.size * k).reshape(-1, k, k)
+            squares.append(np.einsum("gkk->gk", flat)[has])
+            own.append(places[has])
+            counts = has.sum(axis=1)
+            # Candidates that share a number of columns are multiplied at once, as a stack of small matrices.
+            for p in sorted(set(counts[counts > 1].tolist())):
+                members = np.flatnonzero(counts == p)
+                which = np.nonzero(has[members])[1].reshape(-1, p)
+                rows = members[:, None]
+                where = flat[rows[:, :, None], which[:, :, None], which[:, None, :]]
+                several.append(_SharedColumns(places[rows, which], where))
+            start += places.size * k
+        return cls(start, np.concatenate(squares), np.concatenate(own), tuple(several))
+
+    def compute_products(self, x: FloatArray) -> FloatArray:
+        """Return the products (size,) of columns x (c, m)."""
+        products = np.zeros(self.size)
+        products[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]
+        for group in self.several:
+            columns = x[group.columns]
+            products[group.where] = columns @ columns.transpose(0, 2, 1)
+        return products
+
+
 # Ridge on the model's equations with unit columns, on those of a candidate, and share of the largest eigenvalue below
 # which a direction is not determined.
 _RIDGE = 1e-10
@@ -193,8 +263,7 @@ _ROUNDING = 1e-12
 """Share of a sum below which a difference of two sums is what rounding leaves: thousands of terms of 1e-16 each."""
 
 
-@dataclass(frozen=True, eq=False)
-class JointSums:
+class JointSums(NamedTuple):
     """Sums of one joint over blocks, of the w columns of the model and the x of the candidates that it has.
 
     Parameters

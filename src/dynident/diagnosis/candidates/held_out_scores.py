@@ -18,7 +18,7 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlock, JointBlocks, ProductBlock, RowBlock
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds, sum_by_block
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
 
 # Difference from one below which a direction lies in the span of others.
 _SPANNED = 1e-6
@@ -289,14 +289,15 @@ def compute_block_products(block: JointBlock, fit: FoldFit) -> tuple[FloatArray,
     """
     projection = fit.projection[block.have]
     if isinstance(block, RowBlock):
-        rest = -(projection.T @ block.w)
-        has = np.flatnonzero(block.place < len(block.x))
-        rest[has] += block.x[block.place[has]]
-        products = []
-        for portion in fit.portions:
-            own = rest[portion.columns]
-            pairs = own[:, :, None, :] * own[:, None, :, :]
-            products.append(sum_by_block(pairs, block.row_block, block.n_blocks).transpose(0, 3, 1, 2))
+        has = np.flatnonzero(block.place < block.n_columns)
+        products = [np.empty((len(own.members), len(block.blocks), own.width, own.width)) for own in fit.portions]
+        for rows in block.read_rows():
+            rest = -(projection.T @ rows.w)
+            rest[has] += rows.x[block.place[has]]
+            for portion, own_products in zip(fit.portions, products, strict=True):
+                own = rest[portion.columns]
+                pairs = own[:, :, None, :] * own[:, None, :, :]
+                own_products[:, rows.blocks] = rows.add_up(pairs).transpose(0, 3, 1, 2)
         return tuple(products)
     assert isinstance(block, ProductBlock)
     products = []

@@ -30,9 +30,13 @@ from dynident.regressors.row_phases import RowPhases, find_joints_with_friction,
 MANY = 80
 """Blocks of a period, as of a short recording as a whole, where they are then long enough."""
 
+
 _MOST_ROWS = 48
-"""A block, on average, and joint. From about as many on as a usual model has columns, scores are read as quickly from
-their products (`benchmarks/rows_or_products.py`), which then take less memory."""
+"""A block, on average, and joint. From about as many on as a usual model has columns, scores are read more quickly from
+their products (`benchmarks/rows_or_products.py`)."""
+
+_MOST_PRODUCTS = 2**26
+"""Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers."""
 
 
 class BlockNumbering:
@@ -121,8 +125,11 @@ class RowAccumulator:
     """
 
     def __init__(self, widths: Sequence[int], kinds: int, expected: int) -> None:
-        self._heaps = [[_JointAccumulator(width + 1, max(expected, 1)) for width in widths] for _ in range(kinds)]
-        self._capacity, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
+        expected = max(expected, 1)
+        self._joints = [[_JointAccumulator(width + 1, expected) for _ in range(kinds)] for width in widths]
+        is_large = sum((width + 1) ** 2 for width in widths) * expected > _MOST_PRODUCTS
+        # A block of more rows than columns has fewer products.
+        self._capacities = [max(_MOST_ROWS, is_large * (width + 1)) * expected for width in widths]
 
     def push(self, row_block: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
         """Add rows of every joint.
@@ -136,49 +143,62 @@ class RowAccumulator:
         used : sequence of (m, n)
             Which rows count, for each kind.
         """
-        for heaps, mask in zip(self._heaps, used, strict=True):
-            for heap, block, own in zip(heaps, rows, mask.T, strict=True):
+        for j, (kinds, block) in enumerate(zip(self._joints, rows, strict=True)):
+            for heap, mask in zip(kinds, used, strict=True):
+                own = mask[:, j]
                 heap.push(row_block[own], block if own.all() else block[own])
-        self._pending += len(row_block)
-        # Folding bounds the memory by the size of the products, however long the recordings are.
-        if self._pending > self._capacity:
-            self._fold()
+            # Folding bounds the memory by the size of the products, however long the recordings are.
+            if sum(heap.n_pending for heap in kinds) > self._capacities[j]:
+                _fold_kinds(kinds)
 
     def finish(self, n_blocks: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
         """Return the stacks of all joints and the numbers of rows (s, n), for every kind."""
-        # Once one kind is folded all are: a stack is either rows or products.
-        if self._folded:
-            self._fold()
+        for kinds in self._joints:
+            # Once one kind of a joint is folded all are: a stack is either rows or products.
+            if any(heap.is_folded for heap in kinds):
+                _fold_kinds(kinds)
         return [
             (
                 tuple(heap.stack(n_blocks) for heap in heaps),
                 np.stack([heap.counts(n_blocks) for heap in heaps], axis=1),
             )
-            for heaps in self._heaps
+            for heaps in zip(*self._joints, strict=True)
         ]
 
-    def _fold(self) -> None:
-        self._pending, self._folded = 0, True
-        for heaps in self._heaps:
-            for heap in heaps:
-                heap.fold()
+
+def _fold_kinds(kinds: Sequence[_JointAccumulator]) -> None:
+    for heap in kinds:
+        heap.fold()
 
 
 class _JointAccumulator:
-    """Rows (m, w) of one kind and joint: those that are pending, and the products of those before."""
+    """Rows of one kind and joint: those that are pending, column by column, and the products of those before."""
 
     def __init__(self, width: int, expected: int) -> None:
-        self._width, self._expected = width, expected
-        self._rows: list[FloatArray] = []
+        self._expected = expected
+        # Grows as rows come: pieces that are joined at the end would take twice the memory.
+        self._columns = np.empty((width, 0))
         self._row_block: list[IndexArray] = []
         self._products: FloatArray | None = None
         self._counts = np.zeros(0)
+        self.n_pending = 0
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether any rows were replaced by their products."""
+        return self._products is not None
 
     def push(self, row_block: IndexArray, rows: FloatArray) -> None:
         if len(rows):
-            self._rows.append(rows)
+            first, last = self.n_pending, self.n_pending + len(rows)
+            if last > self._columns.shape[1]:
+                longer = np.empty((len(self._columns), max(2 * first, last)))
+                longer[:, :first] = self._columns[:, :first]
+                self._columns = longer
+            self._columns[:, first:last] = rows.T
             self._row_block.append(row_block)
             self._count(row_block)
+            self.n_pending = last
 
     def _count(self, row_block: IndexArray) -> None:
         counts = np.bincount(row_block, minlength=len(self._counts)).astype(np.float64)
@@ -187,39 +207,41 @@ class _JointAccumulator:
 
     def fold(self) -> None:
         """Replace the pending rows by their products."""
+        width = len(self._columns)
         if self._products is None:
-            self._products = np.zeros((0, self._width, self._width))
-        rows, row_block = self._pop_pending()
+            self._products = np.zeros((0, width, width))
+        columns, row_block = self._pop_pending()
         # Room is made for all at once: zeros that nobody has written to take no memory.
         last = int(row_block[-1]) if len(row_block) else -1
         if len(self._products) <= last:
             self._products = _resize(self._products, max(2 * len(self._products), last + 1, self._expected))
         edges = np.flatnonzero(np.diff(row_block)) + 1
-        for own, part in zip(np.split(row_block, edges), np.split(rows, edges), strict=True):
+        for own, part in zip(np.split(row_block, edges), np.split(columns, edges, axis=1), strict=True):
             if len(own):
-                self._products[own[0]] += part.T @ part
+                self._products[own[0]] += part @ part.T
 
     def stack(self, n_blocks: int) -> Stack:
         """Return all rows as a stack."""
         if self._products is not None:
             return ProductStack(_resize(self._products, n_blocks))
-        rows, row_block = self._pop_pending()
-        return RowStack(rows, row_block, n_blocks)
+        columns, row_block = self._pop_pending()
+        return RowStack(columns.T, row_block, n_blocks)
 
     def counts(self, n_blocks: int) -> FloatArray:
         """Return the number of rows (s,) of each block."""
         return np.pad(self._counts, (0, n_blocks - len(self._counts)))
 
     def _pop_pending(self) -> tuple[FloatArray, IndexArray]:
-        """Return the pending rows and their blocks, ascending, and forget them."""
-        rows, row_block = self._rows, self._row_block
-        self._rows, self._row_block = [], []
-        if not rows:
-            return np.zeros((0, self._width)), np.zeros(0, dtype=np.intp)
-        together, each = np.concatenate(rows), np.concatenate(row_block)
+        """Return the pending rows, column by column, and their blocks, ascending, and forget them."""
+        columns, row_block = self._columns[:, : self.n_pending], np.zeros(0, dtype=np.intp)
+        if self._row_block:
+            row_block = np.concatenate(self._row_block)
+        self._columns, self._row_block, self.n_pending = np.empty((len(columns), 0)), [], 0
         # A periodic motion comes back to earlier blocks, so that rows do not come in the order of their blocks.
-        order = np.argsort(each, kind="stable")
-        return together[order], each[order]
+        if (np.diff(row_block) < 0).any():
+            order = np.argsort(row_block, kind="stable")
+            columns, row_block = columns.take(order, axis=1), row_block[order]
+        return columns, row_block
 
 
 def _resize(stack: FloatArray, length: int) -> FloatArray:

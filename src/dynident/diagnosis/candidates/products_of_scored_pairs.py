@@ -5,9 +5,11 @@ Products of two candidates with each other are never needed, and there are very 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from dynident.diagnosis.candidates.fold_fit import (
     FoldFit,
     JointSums,
     OwnColumns,
+    Pairs,
     ProductSums,
     list_extra_columns,
     split_batches,
@@ -31,75 +34,6 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import (
     locate_columns,
     sum_by_block,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class _SharedColumns:
-    """Candidates with p columns on the joint: these (g, p), and where their products (g, p, p) belong."""
-
-    columns: IndexArray
-    where: IndexArray
-
-
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Where products within candidates belong among those of all portions in a row.
-
-    Parameters
-    ----------
-    size : int
-        Number of products within candidates, all portions in a row.
-    squares, own : (d,)
-        Places of the squares of columns, and the columns that they are of.
-    several : tuple of _SharedColumns
-        Places of the products of candidates with several columns.
-    """
-
-    size: int
-    squares: IndexArray
-    own: IndexArray
-    several: tuple[_SharedColumns, ...]
-
-    @classmethod
-    def from_places(cls, place: IndexArray, n_columns: int, portions: Sequence[Batch]) -> Pairs:
-        """Find the places for one joint.
-
-        Parameters
-        ----------
-        place : (c,)
-            Where each column of the candidates stands among those of the joint, at the end where the joint lacks it.
-        n_columns : int
-            Number of columns that the joint has.
-        portions : sequence of Batch
-            The candidates, by number of columns.
-        """
-        squares, own, several, start = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [], 0
-        for portion in portions:
-            k = portion.width
-            places = place[portion.columns]
-            has = places < n_columns
-            flat = start + np.arange(places.size * k).reshape(-1, k, k)
-            squares.append(np.einsum("gkk->gk", flat)[has])
-            own.append(places[has])
-            counts = has.sum(axis=1)
-            # Candidates that share a number of columns are multiplied at once, as a stack of small matrices.
-            for p in sorted(set(counts[counts > 1].tolist())):
-                members = np.flatnonzero(counts == p)
-                which = np.nonzero(has[members])[1].reshape(-1, p)
-                rows = members[:, None]
-                where = flat[rows[:, :, None], which[:, :, None], which[:, None, :]]
-                several.append(_SharedColumns(places[rows, which], where))
-            start += places.size * k
-        return cls(start, np.concatenate(squares), np.concatenate(own), tuple(several))
-
-    def compute_products(self, x: FloatArray) -> FloatArray:
-        """Return the products (size,) of columns x (c, m)."""
-        products = np.zeros(self.size)
-        products[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]
-        for group in self.several:
-            columns = x[group.columns]
-            products[group.where] = columns @ columns.transpose(0, 2, 1)
-        return products
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,9 +168,31 @@ class ProductErrors:
         return np.asarray(np.maximum(self.alone[:, None] - 2 * along + size, 0.0).T)
 
 
+# Numbers of a joint's rows that are read at once: they stay in the cache.
+_MOST_VALUES = 2**17
+
+
+class JointRows(NamedTuple):
+    """Rows of one joint in some consecutive blocks, column by column, since a score takes some columns of all rows.
+
+    W of the model (w, m), X of the candidates (x, m), Y (m,), the place (m,) of each row's block among these, and the
+    slice of these among all blocks.
+    """
+
+    w: FloatArray
+    x: FloatArray
+    y: FloatArray
+    row_block: IndexArray
+    blocks: slice
+
+    def add_up(self, values: FloatArray) -> FloatArray:
+        """Sum values (..., m) by block (..., s)."""
+        return sum_by_block(values, self.row_block, self.blocks.stop - self.blocks.start)
+
+
 @dataclass(frozen=True, eq=False)
 class RowBlock:
-    """Rows of one joint in some blocks: W of the model, X of the candidates, and Y.
+    """Which rows and columns of one joint a score takes; they are read when they are needed, and not kept.
 
     Parameters
     ----------
@@ -244,12 +200,12 @@ class RowBlock:
         Columns of the model that the joint has.
     place : (c,)
         Where each column of the candidates stands among the x that the joint has, x for those that it lacks.
-    columns : (w + x + 1, m)
-        W of the model, X of the candidates, and Y, column by column: a score takes some columns of all rows.
-    row_block : (m,)
-        Number of the block of each row, ascending.
-    n_blocks : int
-        Number of blocks.
+    stacks : tuple of RowStack
+        The rows of the joint, by kind.
+    needed : (w + x + 1,)
+        Where the columns of the model, those of the candidates, and Y stand in them.
+    blocks : (s,)
+        The blocks of time, ascending.
     pairs : Pairs
         Products within candidates that the joint has a share in.
     own : OwnColumns
@@ -258,9 +214,9 @@ class RowBlock:
 
     have: IndexArray
     place: IndexArray
-    columns: FloatArray
-    row_block: IndexArray
-    n_blocks: int
+    stacks: tuple[RowStack, ...]
+    needed: IndexArray
+    blocks: IndexArray
     pairs: Pairs
     own: OwnColumns
 
@@ -273,7 +229,7 @@ class RowBlock:
         portions: Sequence[Batch],
         n_blocks: int,
     ) -> RowBlock:
-        """Take what is needed out of a joint's rows.
+        """Find what is needed of a joint's rows.
 
         Parameters
         ----------
@@ -291,53 +247,49 @@ class RowBlock:
         base, extra = columns
         have, wp = find_present(where, base)
         place, xp = locate_columns(where, extra)
-        needed = np.concatenate([wp, xp, [-1]])
-        parts = [stack.columns[needed] for stack in stacks]
-        row_block = np.concatenate([stack.row_block for stack in stacks])
-        whole = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-        # Rows of several kinds are merged by block, since sums by block need them in order.
-        if len(stacks) > 1:
-            order = np.argsort(row_block, kind="stable")
-            whole, row_block = whole.take(order, axis=1), row_block[order]
         pairs = Pairs.from_places(place, len(xp), portions)
         own = OwnColumns.from_places(place, len(xp), portions)
-        return cls(have, place, whole, row_block, n_blocks, pairs, own)
+        return cls(have, place, tuple(stacks), np.concatenate([wp, xp, [-1]]), np.arange(n_blocks), pairs, own)
 
     @property
-    def w(self) -> FloatArray:
-        """Columns of the model (w, m)."""
-        return self.columns[: len(self.have)]
-
-    @property
-    def x(self) -> FloatArray:
-        """Columns of the candidates (x, m)."""
-        return self.columns[len(self.have) : -1]
-
-    @property
-    def y(self) -> FloatArray:
-        """Torque (m,)."""
-        return np.asarray(self.columns[-1])
+    def n_columns(self) -> int:
+        """Number of columns x of the candidates that the joint has."""
+        return len(self.needed) - len(self.have) - 1
 
     def select_blocks(self, blocks: IndexArray) -> RowBlock:
         """Return the same for some of the blocks, ascending."""
-        # Blocks are numbered anew; the rows of all others get -1 and drop out.
-        number = np.full(self.n_blocks, -1, dtype=np.intp)
-        number[blocks] = np.arange(len(blocks))
-        row_block = number[self.row_block]
-        own = np.flatnonzero(row_block >= 0)
-        return replace(self, columns=self.columns.take(own, axis=1), row_block=row_block[own], n_blocks=len(blocks))
+        return replace(self, blocks=self.blocks[blocks])
+
+    def read_rows(self) -> Iterator[JointRows]:
+        """Yield the rows, some blocks at a time."""
+        ends = np.cumsum(sum(stack.count_rows(self.blocks) for stack in self.stacks))
+        most = max(1, _MOST_VALUES // len(self.needed))
+        first, w = 0, len(self.have)
+        while first < len(self.blocks):
+            start = ends[first - 1] if first else 0
+            last = max(first + 1, int(np.searchsorted(ends, start + most, side="right")))
+            columns, row_block = self._read_blocks(self.blocks[first:last])
+            yield JointRows(columns[:w], columns[w:-1], columns[-1], row_block, slice(first, last))
+            first = last
+
+    def _read_blocks(self, blocks: IndexArray) -> tuple[FloatArray, IndexArray]:
+        parts = [stack.read_blocks(self.needed, blocks) for stack in self.stacks]
+        if len(parts) == 1:
+            return parts[0]
+        # Rows of several kinds are merged by block, since sums by block need them in order.
+        row_block = np.concatenate([own for _, own in parts])
+        order = np.argsort(row_block, kind="stable")
+        return np.concatenate([own for own, _ in parts], axis=1).take(order, axis=1), row_block[order]
 
     def sum_products(self) -> JointSums:
         """Return the sums over all blocks."""
-        w, x = len(self.have), len(self.x)
-        products = self.w @ self.columns.T
-        return JointSums(
-            products[:, :w],
-            products[:, w : w + x],
-            products[:, -1],
-            self.x @ self.y,
-            self.pairs.compute_products(self.x),
-        )
+        w, x = len(self.have), self.n_columns
+        sums = JointSums(np.zeros((w, w)), np.zeros((w, x)), np.zeros(w), np.zeros(x), np.zeros(self.pairs.size))
+        for rows in self.read_rows():
+            own = (rows.w @ rows.w.T, rows.w @ rows.x.T, rows.w @ rows.y, rows.x @ rows.y)
+            for total, part in zip(sums, (*own, self.pairs.compute_products(rows.x)), strict=True):
+                total += part
+        return sums
 
     def compute_errors(self, fit: FoldFit) -> RowErrors:
         """Return the squared errors for a fit."""
@@ -348,32 +300,68 @@ class RowErrors:
     """What `ProductErrors` are, from the rows themselves."""
 
     def __init__(self, block: RowBlock, fit: FoldFit) -> None:
-        self._block, self._projection = block, fit.projection[block.have]
-        self._has = np.flatnonzero(block.place < len(block.x))
-        self._rest = block.y - fit.chi[block.have] @ block.w
-        self.alone = np.bincount(block.row_block, self._rest**2, block.n_blocks).astype(np.float64)
+        self._block, self._chi, self._projection = block, fit.chi[block.have], fit.projection[block.have]
+        self._has = np.flatnonzero(block.place < block.n_columns)
+
+    @cached_property
+    def alone(self) -> FloatArray:
+        """Squared errors (s,) of the model alone."""
+        errors = np.zeros(len(self._block.blocks))
+        for rows in replace(self._block, needed=self._block.needed[[*range(len(self._chi)), -1]]).read_rows():
+            errors[rows.blocks] = rows.add_up(self._leave_rest(rows) ** 2)
+        return errors
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
-        scores = -self._add_up(self._block.w * self._rest).T @ self._projection
-        scores[:, self._has] += self._add_up(self._block.x * self._rest).T
-        return np.asarray(scores)
+        scores = np.zeros((len(self._block.blocks), self._projection.shape[1]))
+        for rows in self._block.read_rows():
+            rest = self._leave_rest(rows)
+            scores[rows.blocks] = -rows.add_up(rows.w * rest).T @ self._projection
+            scores[rows.blocks, self._has] += rows.add_up(rows.x * rest).T
+        return scores
 
     def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
         """Return the squared errors (g, s) with each candidate, portion by portion."""
+        # The model's own parameters are other ones beside a candidate, on the joints that it shares columns with.
+        adjustments = amplitudes.model_adjustments[:, self._block.have]
+        own = self._block.own.candidates
+        is_adjusted = np.asarray(adjustments.any(axis=1))
+        is_adjusted[own] = False
+        others = np.flatnonzero(is_adjusted)
+        errors = np.tile(self.alone, (len(adjustments), 1))
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            # The model's own parameters are other ones beside a candidate.
-            residuals = amplitudes.model_adjustments[:, self._block.have] @ self._block.w
-            residuals += self._rest
-            # Most candidates have columns of their own on few joints.
-            if len(own := self._block.own.candidates):
-                residuals[own] -= self._block.own.combine(amplitudes, self._block.x)
-            np.square(residuals, out=residuals)
-            return np.asarray(np.nan_to_num(self._add_up(residuals), nan=np.inf))
+            for rows in self._block.read_rows():
+                rest = self._leave_rest(rows)
+                # Most candidates have columns of their own on few joints.
+                if len(own):
+                    residuals = adjustments[own] @ rows.w
+                    residuals += rest
+                    residuals -= self._block.own.combine(amplitudes, rows.x)
+                    errors[own, rows.blocks] = rows.add_up(np.square(residuals, out=residuals))
+                if len(others):
+                    errors[others, rows.blocks] = self._compute_adjusted_errors(rows, rest, adjustments[others])
+        return np.asarray(np.nan_to_num(errors, nan=np.inf))
 
-    def _add_up(self, values: FloatArray) -> FloatArray:
-        return sum_by_block(values, self._block.row_block, self._block.n_blocks)
+    def _leave_rest(self, rows: JointRows) -> FloatArray:
+        return np.asarray(rows.y - self._chi @ rows.w)
+
+    def _compute_adjusted_errors(self, rows: JointRows, rest: FloatArray, adjustments: FloatArray) -> FloatArray:
+        """Return the squared errors (g, s) of the model with adjusted parameters (g, w)."""
+        count = rows.blocks.stop - rows.blocks.start
+        # Fewer rows than twice the columns of the model are not worth their products.
+        if len(rest) < 2 * len(rows.w) * count:
+            residuals = adjustments @ rows.w
+            residuals += rest
+            return rows.add_up(np.square(residuals, out=residuals))
+        errors = np.empty((len(adjustments), count))
+        edges = np.searchsorted(rows.row_block, np.arange(count + 1))
+        for block, (first, last) in enumerate(pairwise(edges)):
+            w, own = rows.w[:, first:last], rest[first:last]
+            squares = np.einsum("gw,gw->g", adjustments @ (w @ w.T), adjustments)
+            squares += 2.0 * (adjustments @ (w @ own)) + own @ own
+            np.maximum(squares, 0.0, out=errors[:, block])
+        return errors
 
 
 class JointErrors(Protocol):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -97,6 +98,34 @@ class RowStack:
     def torque_squared(self) -> float:
         """Sum of the squared torque."""
         return float((self.columns[-1] ** 2).sum())
+
+    def read_blocks(self, needed: IndexArray, blocks: IndexArray) -> tuple[FloatArray, IndexArray]:
+        """Return some columns (c, m) of the rows in some blocks, and the place (m,) of each row's block among these.
+
+        Parameters
+        ----------
+        needed : (c,)
+            Places of the columns.
+        blocks : (s,)
+            The blocks, ascending.
+        """
+        firsts, lasts = self._edges[blocks], self._edges[blocks + 1]
+        ends = np.append(0, np.cumsum(lasts - firsts))
+        columns = np.empty((len(needed), ends[-1]))
+        # Blocks that follow one another are read at once.
+        starts = np.flatnonzero(np.append(-2, blocks[:-1]) + 1 != blocks)
+        for start, end in pairwise([*starts, len(blocks)]):
+            columns[:, ends[start] : ends[end]] = self.columns[needed, firsts[start] : lasts[end - 1]]
+        return columns, np.repeat(np.arange(len(blocks)), lasts - firsts)
+
+    def count_rows(self, blocks: IndexArray) -> IndexArray:
+        """Return the number of rows (s,) in some blocks."""
+        return np.asarray(self._edges[blocks + 1] - self._edges[blocks])
+
+    @cached_property
+    def _edges(self) -> IndexArray:
+        """Where the rows of each block begin, and where the last ends (n_blocks + 1,)."""
+        return np.searchsorted(self.row_block, np.arange(self.n_blocks + 1))
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (s, *shape) at these places, whose shapes are broadcast.

@@ -7,8 +7,9 @@ Later findings lead back to earlier ones: these get another name, or two finding
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate, has_larger_gain
@@ -28,6 +29,7 @@ from dynident.diagnosis.search.physical_plausibility import is_physically_possib
 from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.search_state import (
     Finding,
+    Loss,
     ProductSource,
     ScoredFamily,
     SearchRecord,
@@ -255,12 +257,33 @@ def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
     )
 
 
+class EarlierSearch(NamedTuple):
+    """What a search leaves to one that goes on where it ended; its rows, of which there are many, are gone by then.
+
+    Parameters
+    ----------
+    pool : Pool
+        Its model and candidates.
+    findings : sequence of Finding
+        What it found, as it was found.
+    choices : sequence of EffectChoice
+        The same with refined shape constants.
+    losses : mapping of EffectChoice to Loss
+        Which finding took most of each candidate's gain.
+    """
+
+    pool: Pool
+    findings: Sequence[Finding]
+    choices: Sequence[EffectChoice]
+    losses: Mapping[EffectChoice, Loss]
+
+
 def search_findings(
     state: State,
     first: ScoredFamily,
     rows: ProductSource,
     progress: Progress,
-    earlier: SearchRecord | None = None,
+    earlier: EarlierSearch | None = None,
 ) -> SearchRecord:
     """Add the best effect that passes all tests, again and again, until none does.
 
@@ -282,8 +305,8 @@ def search_findings(
         Gives products of further columns.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
-    earlier : SearchRecord, optional
-        A search, what it added with refined shape constants: this one goes on where it ended.
+    earlier : EarlierSearch, optional
+        What another search found: this one goes on where it ended.
 
     Returns
     -------
@@ -293,16 +316,18 @@ def search_findings(
     record = SearchRecord(state, rows)
     contacts, family = state.findings, first
     firm = is_determined(state)
-    if earlier is not None and earlier.added:
+    if earlier is not None and earlier.findings:
         record.losses.update(earlier.losses)
-        for finding in earlier.added:
+        pairs = zip(earlier.findings, earlier.choices, strict=True)
+        added = [place_finding(finding, choice, state.pool, rows.model) for finding, choice in pairs]
+        for finding in added:
             state = state.add_finding(finding)
-        if any(changes_prediction(finding.judged.candidate.choice) for finding in earlier.added):
+        if any(changes_prediction(finding.judged.candidate.choice) for finding in added):
             rows = rows.add_findings(state.findings)
             state = replace(state, data=rows.gather_products(state.pool))
         state = state.estimate_noise()
         firm = firm or is_determined(replace(state, findings=contacts))
-        family = score_family(state, _list_remaining(state.pool, earlier.added))
+        family = score_family(state, _list_remaining(state.pool, added))
     # Contacts are events of a recording, not effects of the arm: they do not count.
     while family.scored and (number := len(state.findings) - len(contacts)) < state.rules.most_effects:
         progress(number / (number + 1), f"{number} effects found, {len(family.scored)} candidates")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from types import EllipsisType
 
 import numpy as np
@@ -33,6 +33,8 @@ Blocks = Sequence[tuple[IndexArray, ...] | EllipsisType]
 _SCHATTEN = 8.0
 # Eigenvalues below this share of the largest are rounding errors: W has lost rank.
 _FLOOR = 1e-14
+_DENSE = 0.25
+"""Share of the products of all columns above which an arm's few joints are no quicker one by one."""
 ENTRY_ROUNDING = 1e-12
 """Entries of W below this share of the largest are zeros."""
 # M beyond this is inverted by its eigenvalues.
@@ -41,64 +43,55 @@ _ILL_CONDITIONED = 1e11
 
 @dataclass(frozen=True, eq=False)
 class RowStructure:
-    """Limbs of the robot: sets of equations of a sample and of columns that have no entry in common with others.
+    """Entries of W that are zero in every motion: a joint's equation has columns of what it carries alone.
 
-    With them M of a robot with arms and legs costs a fraction of what it costs without.
+    With it M of a robot with many joints costs a fraction of what it costs without.
 
     Parameters
     ----------
-    n_equations : int
-        Number of equations k of a sample.
-    limbs : tuple of ((j,), (c,))
-        Indices of the equations and of the columns of each limb.
+    equations : tuple of (c,)
+        Indices of the columns of each of the k equations of a sample.
+    blocks : Blocks
+        Places in M of the limbs, which have no equation in common; outside of them it is zero.
     """
 
-    n_equations: int
-    limbs: tuple[tuple[IndexArray, IndexArray], ...]
+    equations: tuple[IndexArray, ...]
+    blocks: Blocks
 
     @classmethod
     def from_entries(cls, present: BoolArray) -> RowStructure:
         """Return the structure of entries (k, b) that are not zero in every motion."""
-        together = present.T.astype(float) @ present
-        count, limb = scipy.sparse.csgraph.connected_components(together)
-        columns = [np.flatnonzero(limb == k) for k in range(count)]
-        return cls(len(present), tuple((np.flatnonzero(present[:, own].any(axis=1)), own) for own in columns))
+        count, limb = scipy.sparse.csgraph.connected_components(present.T.astype(float) @ present)
+        limbs = [np.flatnonzero(limb == k) for k in range(count)]
+        blocks = [np.ix_(columns, columns) for columns in limbs] if count > 1 else [...]
+        return cls(tuple(np.flatnonzero(own) for own in present), tuple(blocks))
 
-    @property
-    def blocks(self) -> Blocks:
-        """Places of the limbs in M, outside of which it is zero."""
-        if len(self.limbs) == 1:
-            return (...,)
-        return tuple(np.ix_(columns, columns) for _, columns in self.limbs)
+    @cached_property
+    def _is_dense(self) -> bool:
+        """Whether so few products are left out that one product of whole matrices takes less time."""
+        n_columns = len(np.unique(np.concatenate(self.equations)))
+        return sum(len(columns) ** 2 for columns in self.equations) > _DENSE * len(self.equations) * n_columns**2
 
     def compute_information(self, w: FloatArray) -> FloatArray:
-        """Return M = WᵀW (b, b) of rows (k m, b)."""
-        if len(self.limbs) == 1:
+        """Return M = WᵀW (b, b) of rows (m k, b)."""
+        if self._is_dense:
             return w.T @ w
         m = np.zeros((w.shape[1], w.shape[1]))
-        for limb, block in zip(self.limbs, self.blocks, strict=True):
-            rows = self._take(w, limb)
-            m[block] = rows.T @ rows
+        for j, columns in enumerate(self.equations):
+            own = w[j :: len(self.equations), columns]
+            m[columns[:, None], columns] += own.T @ own
         return m
 
     def multiply(self, w: FloatArray, slope: FloatArray) -> FloatArray:
-        """Return W slope (k m, b) for a matrix (b, b), at the places where W has entries."""
-        if len(self.limbs) == 1:
+        """Return W slope (m k, b) for a matrix (b, b), at the places where W has entries."""
+        if self._is_dense:
             return w @ slope
         product = np.zeros_like(w)
-        by_equation = product.reshape(-1, self.n_equations, w.shape[1])
-        for limb, block in zip(self.limbs, self.blocks, strict=True):
-            equations, columns = limb
-            of_limb = self._take(w, limb) @ slope[block]
-            by_equation[:, equations[:, None], columns] = of_limb.reshape(
-                len(by_equation), len(equations), len(columns)
+        for j, columns in enumerate(self.equations):
+            product[j :: len(self.equations), columns] = (
+                w[j :: len(self.equations), columns] @ slope[columns[:, None], columns]
             )
         return product
-
-    def _take(self, w: FloatArray, limb: tuple[IndexArray, IndexArray]) -> FloatArray:
-        equations, columns = limb
-        taken: FloatArray = w.reshape(-1, self.n_equations, w.shape[1])[:, equations[:, None], columns]
-        return taken.reshape(-1, len(columns))
 
 
 @dataclass(frozen=True, eq=False)

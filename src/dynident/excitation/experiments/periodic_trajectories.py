@@ -202,7 +202,7 @@ def search_trajectory(
             count=request.random_trajectories,
             seed=request.seed,
             progress=scale_progress(progress, 0.0, 0.15),
-            enough=lambda: budget.share_spent > _RANDOM_SHARE,
+            enough=budget.start_part(_RANDOM_SHARE),
         )
     if not candidates:
         raise _build_no_room_error(bounds)

@@ -63,7 +63,7 @@ def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperimen
         count=request.random_trajectories,
         rng=rng,
         progress=scale_progress(task.progress, 0.0, 0.2),
-        enough=lambda: budget.share_spent > _RANDOM_SHARE,
+        enough=budget.start_part(_RANDOM_SHARE),
     )
     best, notes = candidates[0], [*task.design_criterion.notes]
     if request.kind == "optimized":

@@ -62,6 +62,12 @@ class Budget:
         """Whether the time is over."""
         return self.share_spent >= 1.0
 
+    def start_part(self, share: float) -> Callable[[], bool]:
+        """Return a function that says whether a share of the time that is left now has passed by then."""
+        # What was spent before, on a robot with many joints much of it, is no time of this part.
+        end = self.share_spent + share * (1.0 - self.share_spent)
+        return lambda: self.share_spent > end
+
     def fraction(self, starts: float) -> float:
         """Return the share of the budget used when so many starts are done, parts of them included."""
         shares = [] if self.starts is None else [starts / self.starts]
