@@ -55,6 +55,7 @@ from dynident.diagnosis.search.candidate_outcomes import (
     list_untried,
     score_beside_findings,
 )
+from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import (
@@ -65,7 +66,6 @@ from dynident.diagnosis.search.finding_refinement import (
 )
 from dynident.diagnosis.search.forward_selection import (
     place_finding,
-    revisit_findings,
     search_findings,
     settle_findings,
 )
@@ -241,7 +241,7 @@ def examine(
     if search.record.state.findings:
         leads, search = _search_again(question, leads, search, scale_progress(progress, 0.5, 0.7))
     family, record = search.family, search.record
-    record.state = revisit_findings(record.state)
+    record.state = name_findings(record.rows, record.state)
     findings, recommended, grown, undetermined, final = _refine_findings(
         question, record, scale_progress(progress, 0.7, 0.9)
     )
