@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.diagnosis import ambiguities, decision_levels, diagnose_model
+from dynident.diagnosis import decision_levels, diagnose_model
 from dynident.diagnosis.candidates import significance
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.outcome_reasons import Reason
@@ -51,7 +51,6 @@ LEVELS: dict[str, dict[str, float]] = {
     "staying_t": {"staying_t": 1e9},
     "own_drop": {"own_drop": 0.0},
     "own_t": {"own_t": 0.0},
-    "one_by_one": {"one_by_one": 1e9},
     "staying_finding_t": {"staying_finding_t": 0.0},
     "found_again": {"found_again": 0.0},
     "more_for_parameters": {"more_for_parameters": 0.0},
@@ -65,15 +64,12 @@ LEVELS: dict[str, dict[str, float]] = {
     "apart_t": {"apart_t": 1e9},
     "harm": {"harm": 1e9},
     "harm_t": {"harm_t": 1e9},
-    "given_back": {"given_back": 1e9},
     "wrong_sign": {"wrong_sign": 0.0},
     "rows_of_filter": {"rows_of_filter": 1.0},
     "part_to_part": {"part_to_part": 1e9},
     "main_explanation": {"main_explanation": -1e9},
     "few_waves": {"few_waves": 1e9},
     "few_waves none": {"few_waves": 0.0},
-    "left_over": {"left_over": 1e9},
-    "much_left_over": {"much_left_over": 1e9},
     "most_blind": {"most_blind": 1e9},
     "adequate_over_noise": {"adequate_over_noise": 1e9},
 }
@@ -133,30 +129,24 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
         )
     },
     "_find_lasting_cause": [(next_finding, "_find_lasting_cause", _no_reason)],
-    "_select_first_order": [(next_finding, "_select_first_order", _empty)],
-    "_check_moving_joints": [(next_finding, "_check_moving_joints", _no_reason)],
-    "_check_run_effects": [(next_finding, "_check_run_effects", _no_reason)],
-    "_drop_split_groups": [(next_finding, "_drop_split_groups", list)],
     "_find_twins": [(next_finding, "_find_twins", _empty)],
     "_prefer_usual_change": [(next_finding, "_prefer_usual_change", lambda _state, chosen, twins: (chosen, twins))],
     "_is_part_of_change": [(next_finding, "_is_part_of_change", _false)],
-    "_find_confused": [(next_finding, "_find_confused", _nothing)],
     "find_richer_changes": [(next_finding, "find_richer_changes", _nothing)],
     "drop_idle_joints": [(next_finding, "drop_idle_joints", lambda _state, chosen: chosen)],
     "stability over runs": [
         (module, "compute_stability", _over_blocks) for module in (next_finding, comparison_of_rivals)
     ],
-    "_is_dissipative": [(physical_plausibility, "_is_dissipative", _true)],
     "_find_wrong_friction": [(physical_plausibility, "_find_wrong_friction", _no_reason)],
     "find_impossibility": [(next_finding, "find_impossibility", _no_reason)],
-    "revisit_findings": [(diagnose_model, "revisit_findings", lambda state: state)],
+    "compare_names": [(forward_selection, "compare_names", lambda _rows, _state, choice, _judged: choice)],
+    "name_findings": [(diagnose_model, "name_findings", lambda _rows, state: state)],
     "merge_findings_on_joint": [(forward_selection, "merge_findings_on_joint", lambda _rows, state: state)],
     "split_groups": [(forward_selection, "split_groups", lambda state: state)],
     "prune_findings on the grid": [(forward_selection, "prune_findings", _only_strip)],
     "prune_findings refined": [(pruning, "prune_findings", _only_strip)],
     "_list_neighbour_columns": [(forward_selection, "_list_neighbour_columns", _nothing)],
     "is_determined": [(forward_selection, "is_determined", _true)],
-    "compare_names": [(forward_selection, "compare_names", lambda _rows, _state, choice, _judged: choice)],
     "_exceeds_constant": [(comparison_of_rivals, "_exceeds_constant", _true)],
     "_is_slimmer": [(comparison_of_rivals, "_is_slimmer", _false)],
     "faint candidates": [
@@ -186,9 +176,9 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
     "select_harmless": [(pruning, "select_harmless", lambda _state, columns: list(range(len(columns))))],
     "is_width_resolved": [(finding_refinement, "is_width_resolved", _true)],
     "drop_faded_contacts": [(pruning, "drop_faded_contacts", lambda state, _preprocessing: state)],
+    "is_only_helpful_at_first": [(identifiability_and_invisible_effects, "is_only_helpful_at_first", _false)],
     "find_misnamed": [(diagnose_model, "find_misnamed", _empty)],
     "find_dependent_findings": [(diagnose_model, "find_dependent_findings", _empty)],
-    "is_only_helpful_at_first": [(identifiability_and_invisible_effects, "is_only_helpful_at_first", _false)],
     "find_static_friction": [
         (diagnose_model, "find_static_friction", lambda grown, _recordings, final, *_: (grown, final, ()))
     ],
@@ -211,29 +201,26 @@ DECISIONS: dict[str, list[Callable[..., Any]]] = {
     "staying_t": [pruning._select_members],
     "own_drop": [finding_refinement._are_distinguishable],
     "own_t": [finding_refinement._are_distinguishable],
-    "one_by_one": [next_finding._drop_split_groups],
     "more_for_parameters": [acceptance_rules.compute_stability],
     "as_much_as_change": [next_finding._find_lasting_cause],
-    "equal_gain": [next_finding._find_twins, next_finding._find_confused],
-    "equal_t": [next_finding._find_twins, next_finding._find_confused],
+    "equal_gain": [next_finding._find_twins],
+    "equal_t": [next_finding._find_twins],
     "contends": [comparison_of_rivals._find_contenders],
     "same_gain": [comparison_of_rivals.explains_as_much],
     "apart_t": [comparison_of_rivals.explains_as_much],
     "harm": [pruning._is_harmful],
     "harm_t": [pruning._is_harmful],
-    "given_back": [physical_plausibility._is_dissipative],
     "wrong_sign": [physical_plausibility.find_impossibility],
     "rows_of_filter": [physical_plausibility.find_impossibility],
     "part_to_part": [identifiability_and_invisible_effects.is_determined],
     "main_explanation": [identifiability_and_invisible_effects.is_main_explanation],
     "few_waves": [forward_selection._is_slow_wave],
     "few_waves none": [forward_selection._is_slow_wave],
-    "left_over": [ambiguities.find_misnamed],
-    "much_left_over": [ambiguities.find_misnamed],
 }
 """The decisions that a level is for; one without an entry is always tried."""
 
 FLOODGATES = {
+    "compare_names",
     "least_error_drop",
     "least_drop",
     "joint_drop",
@@ -241,7 +228,6 @@ FLOODGATES = {
     "found_again",
     "staying_finding_t",
     "find_impossibility",
-    "compare_names",
     "prune_findings on the grid",
     "prune_findings refined",
     "select_harmless",

@@ -9,13 +9,13 @@ import pytest
 from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_joint, recorded
 from support.oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import diagnose, examine
 from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.changes_between_recordings import identify_on_both
-from dynident.diagnosis.search.comparison_of_rivals import compare_names
+from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.finding_refinement import RecordedSource
 from dynident.diagnosis.search.next_finding import select_candidate
-from dynident.diagnosis.search.search_state import State, score_family
+from dynident.diagnosis.search.search_state import Finding, State, score_family
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.shape_refinement import list_shape_variables
@@ -119,5 +119,25 @@ def test_a_mass_that_a_spring_would_say_as_well_keeps_its_name_from_day_to_day()
     judged = score_family(state, tried).scored
     choice = select_candidate(state, judged)
     assert choice is not None
-    chosen, equal = compare_names(rows, state, choice, judged)
-    assert (chosen.candidate.choice, [item.candidate.choice for item in equal]) == (mass, [spring])
+    chosen, equal = choice
+    (found,) = name_findings(rows, state.add_finding(Finding(chosen, equal, chosen.p))).findings
+    assert (found.judged.candidate.choice, [item.candidate.choice for item in found.equal]) == (mass, [spring])
+
+
+def test_a_balancer_that_a_spring_explains_as_well_is_told_as_either_of_both():
+    def spring(q, v, load):
+        x = q + 0.2
+        return 150.0 * np.sin(x) * (1.0 - 0.8 / np.sqrt(1.25 + np.cos(x)))
+
+    motion = fourier_motion(ROBOT, 24.0, 200.0, 203, base_frequency=0.125, harmonics=3, amplitude=1.0, fastest=2.0)
+    recording = recorded(motion, on_joint(1, spring), 3, "a small range")
+    model = identify(ROBOT, [recording], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    names = ["gravity_compensator", "joint_spring"]
+    found = examine(model, [recording], candidates=names)
+    (first, *_), (doubt, *_) = found.diagnosis.candidates, found.doubts
+    assert sorted((first.effect, *first.equivalent)) == names
+    lacking = found.diagnosis.summary.split(". ")[0].lower()
+    assert f" on {NAMES[1]}, or " in lacking
+    assert all(part in lacking for part in ("gravity compensating spring", "joint spring"))
+    # The next experiment tells them apart.
+    assert sorted((doubt.suspect.effect, *(rival.effect for rival in doubt.rivals))) == names

@@ -31,15 +31,12 @@ from support.oracles import fourier_motion
 from dynident.advice import advise
 from dynident.diagnosis import Diagnosis, compare, diagnose, diagnose_model, examine
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool, build_pool_of_choices
-from dynident.diagnosis.diagnosis_result import Invisible
-from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.residuals.spectral_peaks import AngleLines, find_angle_lines
 from dynident.diagnosis.search import forward_selection
-from dynident.diagnosis.search.comparison_of_rivals import compare_names
-from dynident.diagnosis.search.finding_refinement import refine_constants, refine_findings
-from dynident.diagnosis.search.identifiability_and_invisible_effects import extend_with_findings
+from dynident.diagnosis.search.comparison_of_rivals import name_findings
+from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_constants, refine_findings
 from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import Cancelled
@@ -268,23 +265,24 @@ def test_a_search_ends_where_nothing_more_passes_and_not_at_a_number_of_effects(
 
 
 def test_a_search_with_further_proposals_goes_on_where_the_first_ended_and_is_refined_once(monkeypatch):
-    settled, refined = [], []
+    named, refined = [], []
 
     def refine(*asked):
         refined.append(len(asked[1]))
         return refine_findings(*asked)
 
-    def compare(rows, state, choice, judged):
-        settled.append(choice[0].candidate.effect)
-        return compare_names(rows, state, choice, judged)
+    def name(rows, state):
+        named.append(sorted(finding.judged.candidate.effect for finding in state.findings))
+        return name_findings(rows, state)
 
-    monkeypatch.setattr(forward_selection, "compare_names", compare)
+    monkeypatch.setattr(diagnose_model, "name_findings", name)
     monkeypatch.setattr(diagnose_model, "refine_findings", refine)
     # The large error hides the line of the small one, which only the second search is asked about.
     run = experiment(on_joint(3, lambda q, v, load: 30.0 * hysteresis(q, 0.02) + 0.9 * np.sin(21.0 * q + 0.7)))
     found = diagnose(run.identification, [run.training])
     assert {choice.effect for choice in found.recommended} == {"presliding", "torque_ripple"}
-    assert sorted(settled) == ["presliding", "torque_ripple"]
+    # All names are asked again once, at the end of the search.
+    assert named == [["presliding", "torque_ripple"]]
     assert refined == [2]
 
 
@@ -313,7 +311,7 @@ def test_a_finding_gets_the_name_that_says_more_beside_all_that_was_found():
     state = gather_state(model, pool, inputs, plain.noise)
     (wrong, *_) = score_all(state, [pool.candidates[0]])
     state = state.add_finding(Finding(replace(wrong, p=0.001), (), 0.001))
-    (found,) = forward_selection.revisit_findings(state).findings
+    (found,) = name_findings(RecordedSource(model, inputs), state).findings
     assert found.judged.candidate.effect == "drive_gain_error"
     # The old name stands where the new one turns out to be impossible, but is none that the data leave open.
     assert [scored.candidate.effect for scored in found.former] == ["drive_gain_saturation"]
@@ -322,7 +320,7 @@ def test_a_finding_gets_the_name_that_says_more_beside_all_that_was_found():
     state = gather_state(model, pool, inputs, plain.noise)
     (right, *_) = score_all(state, [pool.candidates[1]])
     state = state.add_finding(Finding(replace(right, p=0.001), (), 0.001))
-    (kept,) = forward_selection.revisit_findings(state).findings
+    (kept,) = name_findings(RecordedSource(model, inputs), state).findings
     assert kept.judged.candidate == right.candidate
 
 
@@ -335,7 +333,7 @@ def test_a_finding_that_gets_another_name_keeps_what_explains_as_much():
     state = gather_state(model, pool, inputs, plain.noise)
     (wrong, *_) = score_all(state, [pool.candidates[0]])
     state = state.add_finding(Finding(replace(wrong, p=0.001), (), 0.001))
-    (found,) = forward_selection.revisit_findings(state).findings
+    (found,) = name_findings(RecordedSource(model, inputs), state).findings
     both = (found.judged.candidate.effect, *(scored.candidate.effect for scored in found.equal))
     assert sorted(both) == ["coulomb_asymmetric", "offset"]
     assert [scored.candidate.effect for scored in found.former] == ["viscous_asymmetric"]
@@ -378,29 +376,6 @@ def test_refining_constants_tells_its_progress_and_can_be_cancelled(monkeypatch)
     is_cancelled = bool
     with pytest.raises(Cancelled):
         refine_constants(model, [Finding(scored, (), 0.001)], inputs, resolved, cancel)
-
-
-def test_what_cannot_be_added_once_a_wrong_name_is_gone_is_none_of_the_findings(monkeypatch):
-    calls = []
-
-    def extend(model, choices, recordings, progress):
-        calls.append([choice.effect for choice in choices])
-        if len(calls) == 1:
-            return extend_with_findings(model, choices, recordings, progress)
-        invisible = Invisible(choices[0].effect, choices[0].joints, "it cannot be added")
-        return model, {0: (invisible, Reason.build("cannot_be_added", detail="none"))}
-
-    def hidden(motion, load):
-        tau = CASES["load_dependent_friction"].hidden(motion, load)
-        return tau + CASES["offset"].hidden(motion, load)
-
-    monkeypatch.setattr(diagnose_model, "extend_with_findings", extend)
-    monkeypatch.setattr(diagnose_model, "find_misnamed", lambda *asked: [0])
-    run = experiment(hidden, PLAIN)
-    found = diagnose(run.identification, [run.training], candidates=FAST)
-    assert [len(choices) for choices in calls] == [2, 1]
-    assert found.recommended == ()
-    assert calls[1][0] in [item.effect for item in found.not_visible]
 
 
 def test_further_proposals_leave_the_numbers_of_all_earlier_columns():

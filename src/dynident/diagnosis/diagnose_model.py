@@ -46,6 +46,7 @@ from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution, compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals, propose_shapes
 from dynident.diagnosis.search.candidate_outcomes import add_limits, list_outcomes, list_untried, score_beside_findings
+from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import (
@@ -56,7 +57,6 @@ from dynident.diagnosis.search.finding_refinement import (
 )
 from dynident.diagnosis.search.forward_selection import (
     EarlierSearch,
-    revisit_findings,
     search_findings,
     settle_findings,
 )
@@ -232,7 +232,7 @@ def examine(
         leads, earlier = refined
         search = _search_effects(question, leads, scale_progress(progress, 0.56, 0.7), earlier)
     family, record = search.family, search.record
-    record.state = revisit_findings(record.state)
+    record.state = name_findings(record.rows, record.state)
     findings, recommended, grown, undetermined, final = _refine_findings(
         question, record, scale_progress(progress, 0.7, 0.9)
     )

@@ -33,15 +33,7 @@ UNDETERMINED = (
 
 
 def word_question(effect: str, has: Collection[str]) -> str:
-    """Word the question whether the robot has the part that an effect is of; empty where there is nothing to ask.
-
-    Parameters
-    ----------
-    effect : str
-        Id of the effect.
-    has : collection of str
-        Parts that the robot is known to have.
-    """
+    """Word the question whether the robot has the part that an effect is of; empty where there is nothing to ask."""
     part = get_effect(effect).hardware
     if part in ("", *has):
         return ""
@@ -51,20 +43,7 @@ def word_question(effect: str, has: Collection[str]) -> str:
 def rank_findings(
     findings: Sequence[Finding], recommended: Sequence[EffectChoice], has: Collection[str] = ()
 ) -> tuple[RankedEffect, ...]:
-    """Rank the findings in the order of picking.
-
-    Parameters
-    ----------
-    findings, recommended : sequences of equal length
-        The findings, and how they are recommended.
-    has : collection of str
-        Parts that the robot is known to have.
-
-    Returns
-    -------
-    tuple of RankedEffect
-        Effects with ranks from 1 on.
-    """
+    """Rank the findings in the order of picking."""
     ranked: list[RankedEffect] = []
     for finding, choice in zip(findings, recommended, strict=True):
         # The same effect on other joints is another place, not another name.
@@ -101,17 +80,6 @@ def rank_rejected(
     """Rank the effects that are no findings by what they gain beside the findings, each at its best place.
 
     The best place is that where the effect gains most by itself: there a finding may explain it.
-
-    Parameters
-    ----------
-    outcomes : sequence of CandidateOutcome
-        What became of every effect on every joint.
-    first : sequence of ScoredCandidate
-        All candidates tried beside the model alone.
-    beside : mapping of Candidate to ScoredCandidate
-        The same beside everything that was found.
-    n_findings : int
-        Number of findings, which rank above these.
 
     Returns
     -------
@@ -238,13 +206,7 @@ def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: fl
 
 
 def compute_residual_rms(comparisons: Sequence[Comparison]) -> FloatArray:
-    """Return (n,): rms of the residual in the rows that count, N m or N.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    """
+    """Return (n,): rms of the residual in the rows that count, N m or N."""
     squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
     counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
@@ -254,13 +216,6 @@ def compute_residual_over_noise(comparisons: Sequence[Comparison], floor: FloatA
     """Return (n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is zero.
 
     In a simulation without sensor noise a residual counts against a small share of the torque instead.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    floor : (n,)
-        Noise of the sensors, N m or N.
     """
     squares = np.sum([np.where(c.moving, c.residual**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
     torque = np.sum([np.where(c.moving, c.measured**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
@@ -321,6 +276,12 @@ def group_patterns(unknown: Sequence[UnknownPattern], joint_names: Sequence[str]
     return rows
 
 
+def _word_rivals(ranked: RankedEffect) -> str:
+    """Return the titles of the effects that another motion would tell from a finding, as they follow its place."""
+    rivals = [name for name in ranked.equivalent if name not in get_effect(ranked.effect).same_function]
+    return "".join(f", or {get_effect(name).title}" for name in rivals)
+
+
 def word_summary(
     verdict: Adequacy,
     conclusion: Conclusion,
@@ -352,12 +313,13 @@ def word_summary(
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         # An effect that was found joint by joint is told once.
-        places: dict[str, list[str]] = {}
+        places: dict[tuple[str, str], list[str]] = {}
         for ranked_effect in significant:
-            places.setdefault(ranked_effect.title, []).extend(ranked_effect.joints)
+            places.setdefault((ranked_effect.title, _word_rivals(ranked_effect)), []).extend(ranked_effect.joints)
         names = "; ".join(
-            f"{title} on {join_joint_names(list(dict.fromkeys(joints)), model.robot.joint_names) or 'the whole robot'}"
-            for title, joints in places.items()
+            f"{title} on "
+            f"{join_joint_names(list(dict.fromkeys(joints)), model.robot.joint_names) or 'the whole robot'}{rivals}"
+            for (title, rivals), joints in places.items()
         )
         questions = dict.fromkeys(ranked_effect.question for ranked_effect in significant if ranked_effect.question)
         text = " ".join((f"The model lacks: {names}.", *questions))

@@ -1,6 +1,6 @@
 """Compare a found effect with effects that explain much the same error, each with its shape constants refined.
 
-Holds from how many values of the grid the constants are refined (6).
+Holds from how many values of the grid the constants are refined (6), and in how many steps (4).
 
 On the coarse grid a name can win for want of its rival's constants: a spring of a balancer between two angles of the
 grid lost to a cable's polynomial. And what is about rows where joints turn or start has more rows to gain on: wide
@@ -12,15 +12,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from scipy.special import fdtri
 
+from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool_of_choices
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.search.acceptance_rules import compute_stability
+from dynident.diagnosis.search.acceptance_rules import compute_stability, find_rejection
 from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
-from dynident.diagnosis.search.search_state import ProductSource, State, score_all
-from dynident.effects import EffectChoice
+from dynident.diagnosis.search.physical_plausibility import find_impossibility
+from dynident.diagnosis.search.search_state import Finding, ProductSource, State, score_all
+from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification.shape_search import list_between
 
@@ -30,6 +33,10 @@ from dynident.identification.shape_search import list_between
 _STARTS = 6
 """Values of a grid from which constants are searched for: their error has several valleys. The best was reached from
 these in 177 of 181 cases, from half as many in 161."""
+
+WIDTHS = (1.0, 1.0, 0.5, 0.25)
+"""How far constants are searched for around the best so far, over half the distance between values of the grid."""
+
 
 Choice = tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]
 """A finding by its name, and its equals."""
@@ -119,8 +126,14 @@ def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
         The candidate with fewer constants, and the one with more, scored on the same rows.
     """
     less = other.total_gain - slim.total_gain
-    told_apart = compute_t(other.gains - slim.gains) >= RULES.apart_t and _exceeds_constant(less, other)
-    return (less <= RULES.same_gain * other.total_gain and not told_apart) or are_indistinguishable(other, slim)
+    is_close = less <= RULES.same_gain * other.total_gain and not _are_told_apart(slim, other)
+    return is_close or are_indistinguishable(other, slim)
+
+
+def _are_told_apart(less: ScoredCandidate, more: ScoredCandidate) -> bool:
+    """Return whether one of two candidates gains more than another evenly, and more than a constant would by chance."""
+    difference = more.gains - less.gains
+    return compute_t(difference) >= RULES.apart_t and _exceeds_constant(float(difference.sum()), more)
 
 
 def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
@@ -152,6 +165,196 @@ def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate])
     return contenders
 
 
+Scores = Mapping[str, Sequence[ScoredCandidate]]
+"""By effect, what is compared on the same rows."""
+
+Starts = dict[EffectChoice, ScoredCandidate]
+"""What a finding may be called, and what each is on the grid."""
+
+
+def name_findings(rows: ProductSource, state: State) -> State:
+    """Give findings the names that they have beside all others, with constants between those of the grid.
+
+    The search named each beside what it knew by then, with constants of the grid. A name stays unless another says more
+    in nearly every draw; what explains alike within chance is its equal.
+    """
+    starts = [_list_names(state, finding) for finding in state.findings]
+    # Constants are searched for around those of the grid, and then around the best of these.
+    for width in WIDTHS:
+        if not any(starts):
+            return state
+        finer = [list_finer(own, width) for own in starts]
+        groups = _score_names(rows, state, finer)
+        starts = [_select_best(*each) for each in zip(groups, finer, strict=True)]
+    findings = []
+    for finding, own, known in zip(state.findings, groups, finer, strict=True):
+        findings.append(_name_finding(state, finding, own, known) if own else finding)
+    rest = state.drop_columns({k for finding in state.findings for k in finding.columns})
+    base = (*rest.base, *(k for finding in findings for k in finding.columns))
+    return replace(state, base=base, findings=tuple(findings))
+
+
+def list_finer(starts: Starts, width: float) -> Starts:
+    """List names with constants around those of others, each with what it is on the grid; the first ones count."""
+    return {other: starts[choice] for choice in reversed(starts) for other in list_between(choice, width)}
+
+
+def _list_names(state: State, finding: Finding) -> Starts:
+    """List what a finding may be called beside all others, on the grid, its own name first; none without a rival."""
+    mine, without_it = finding.judged.candidate, state.drop_findings([finding])
+    if finding.is_transient:
+        return {}
+    candidates = [mine, *_list_rivals(state, finding, without_it)]
+    # That something is there was tested among all that could be.
+    own, *others = [replace(scored, p=finding.p) for scored in score_all(without_it, candidates)]
+    near = [own, *_find_contenders(own, others)]
+    has_rival = any(scored.candidate.effect != mine.effect for scored in near)
+    return {scored.candidate.choice: scored for scored in near} if has_rival else {}
+
+
+def _score_names(rows: ProductSource, state: State, names: Sequence[Starts]) -> list[list[Scores]]:
+    """Score the names of every finding beside all other findings, those that are about the same rows together."""
+    mine = [finding.judged.candidate.choice for finding in state.findings]
+    rest = state.drop_columns({k for finding in state.findings for k in finding.columns})
+    # One pass over the recordings for all of them. Two names of the same columns are one: that of the finding.
+    finer = refine_grid(rows, rest, list(dict.fromkeys([*mine, *(choice for own in names for choice in own)])))
+    known = [finer.pool.find_candidate(choice) for choice in mine]
+    groups: list[list[Scores]] = []
+    for number, (finding, own) in enumerate(zip(state.findings, names, strict=True)):
+        others = (k for i, other in enumerate(known) if i != number and other is not None for k in other.columns)
+        beside = replace(finer, base=(*finer.base, *others))
+        candidates = [candidate for candidate in finer.pool.candidates if candidate.choice in own]
+        groups.append(_score_by_rows(beside, finding, candidates))
+    return groups
+
+
+def _score_by_rows(state: State, finding: Finding, candidates: Sequence[Candidate]) -> list[Scores]:
+    """Score candidates with the finding's own on the rows that count for all, one kind of rows after another."""
+    name = finding.judged.candidate.effect
+    own = [candidate for candidate in candidates if candidate.effect == name]
+    # What is about joints that start has no rows in common with other friction.
+    kinds: dict[tuple[bool, bool], list[Candidate]] = {}
+    for candidate in candidates:
+        kinds.setdefault(state.data.find_row_kinds(candidate.columns), []).append(candidate)
+    groups: list[Scores] = []
+    for members in kinds.values():
+        compared = list(dict.fromkeys([*own, *members]))
+        each = [state.data.find_row_kinds(candidate.columns) for candidate in compared]
+        common = all(turns for turns, _ in each), all(starts for _, starts in each)
+        scores: dict[str, list[ScoredCandidate]] = {}
+        for scored in score_all(state, compared, kinds=common):
+            if scored.candidate.effect == name or _is_acceptable(state, replace(scored, p=finding.p)):
+                scores.setdefault(scored.candidate.effect, []).append(replace(scored, p=finding.p))
+        groups.append(scores)
+    return groups
+
+
+def _select_best(groups: Sequence[Scores], known: Starts) -> Starts:
+    """Return the best constants of every name."""
+    best = [_find_best(each).candidate.choice for scores in groups for each in scores.values()]
+    return {choice: known[choice] for choice in best}
+
+
+def _find_best(scores: Sequence[ScoredCandidate]) -> ScoredCandidate:
+    return max(scores, key=lambda scored: scored.total_gain)
+
+
+def _name_finding(state: State, finding: Finding, groups: Sequence[Scores], known: Starts) -> Finding:
+    """Return a finding by the name that it has beside all others, and its equals."""
+    before = name = finding.judged.candidate.effect
+    for scores in groups:
+        name = _choose_name(state, scores, name) if name in scores else name
+    here = [scores for scores in groups if name in scores]
+    best = {effect: _find_best(each) for scores in here for effect, each in scores.items()}
+    alike = {effect for scores in here for effect in scores if _are_alike(state, scores, name, effect)}
+    equal = tuple(known[best[effect].candidate.choice] for effect in best if effect in alike)
+    if name == before:
+        return replace(finding, equal=equal)
+    former = (replace(finding.judged, p=finding.p), *finding.former)
+    return Finding(known[best[name].candidate.choice], equal, finding.p, former=former)
+
+
+def _choose_name(state: State, scores: Scores, name: str) -> str:
+    """Return the effect that explains more in nearly every draw, or as much as that with fewer constants."""
+    best = {effect: _find_best(each) for effect, each in scores.items()}
+    own, run = best[name], state.data.moving.run
+    ahead = [
+        scored
+        for scored in best.values()
+        if scored.total_gain > own.total_gain
+        and scored.freedom <= own.freedom
+        and not is_seldom_change(state, scored)
+        and compute_stability([scored], [own], run) >= state.rules.found_again
+    ]
+    if not ahead:
+        return name
+    winner = _find_best(ahead)
+    slim = [scored for scored in best.values() if _is_slimmer(state, scored, winner)]
+    return max(slim, key=lambda scored: scored.total_gain, default=winner).candidate.effect
+
+
+def _are_alike(state: State, scores: Scores, name: str, other: str) -> bool:
+    """Return whether another name explains as much within chance, each with constants chosen on other blocks."""
+    # What is so general that it includes the effect says nothing else.
+    if other == name or name in get_effect(other).covers:
+        return False
+    mine, theirs = (
+        replace(_find_best(scores[effect]), gains=_nest_gains(scores[effect], state.data.moving.run))
+        for effect in (name, other)
+    )
+    # Nor does what needs more constants to explain no more.
+    if theirs.freedom > mine.freedom and theirs.total_gain <= mine.total_gain:
+        return False
+    return not _are_told_apart(theirs, mine)
+
+
+def _is_acceptable(state: State, scored: ScoredCandidate) -> bool:
+    return find_rejection(state, scored) is None and find_impossibility(state, scored) is None
+
+
+def _nest_gains(scores: Sequence[ScoredCandidate], run: IndexArray) -> FloatArray:
+    """Return the gains (s,) of an effect whose constants are chosen without the run, or the fifth, that is judged."""
+    gains = np.array([scored.gains for scored in scores])
+    parts = run if len(np.unique(run)) > 1 else np.arange(gains.shape[1]) * 5 // gains.shape[1]
+    nested = np.zeros(gains.shape[1])
+    for part in np.unique(parts):
+        here = parts == part
+        nested[here] = gains[gains[:, ~here].sum(axis=1).argmax(), here]
+    return nested
+
+
+def _list_rivals(state: State, finding: Finding, without_it: State) -> list[Candidate]:
+    """List other candidates on the joints of a finding, in the same runs: only its name is in question."""
+    mine = finding.judged.candidate
+    return [
+        candidate
+        for candidate in state.pool.candidates
+        if (candidate.joints, candidate.runs) == (mine.joints, mine.runs)
+        and _is_admissible(candidate, without_it.findings)
+        and candidate != mine
+        and not set(candidate.columns) & set(without_it.base)
+    ]
+
+
+def list_other_names(best: ScoredCandidate, as_good: Sequence[ScoredCandidate]) -> tuple[ScoredCandidate, ...]:
+    """List the best candidate of every other effect among those that explain as much."""
+    names: dict[str, ScoredCandidate] = {}
+    for scored in sorted(as_good, key=lambda scored: -scored.total_gain):
+        if scored.candidate.effect != best.candidate.effect:
+            names.setdefault(scored.candidate.effect, scored)
+    return tuple(names.values())
+
+
+def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
+    """Return whether a candidate is none of the other findings, nor contained in one."""
+    return not any(
+        other.judged.candidate.effect == candidate.effect
+        or candidate.effect in get_effect(other.judged.candidate.effect).covers
+        for other in others
+        if set(other.judged.candidate.joints) & set(candidate.joints)
+    )
+
+
 def list_starts(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
     """List the best few candidates of every effect, from which constants between those of the grid are searched for."""
     best = sorted(judged, key=lambda scored: -scored.total_gain)
@@ -164,17 +367,7 @@ def list_starts(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
 
 
 def refine_grid(rows: ProductSource, state: State, choices: Sequence[EffectChoice]) -> State:
-    """Return the state on a pool of its columns so far and, behind them, other choices as candidates.
-
-    Parameters
-    ----------
-    rows : ProductSource
-        Gives products of further columns.
-    state : State
-        The model so far and what was found.
-    choices : sequence of EffectChoice
-        What stands behind these columns.
-    """
+    """Return the state on a pool of its columns so far and, behind them, other choices as candidates."""
     base = [state.pool.observation.columns[k] for k in state.base]
     pool = build_pool_of_choices(rows.model, choices, base)
     pool = replace(pool, since=state.pool.since, largest=state.pool.largest)
