@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.diagnosis import decision_levels, diagnose_model
+from dynident.diagnosis import ambiguities, decision_levels, diagnose_model
 from dynident.diagnosis.candidates import significance
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.outcome_reasons import Reason
@@ -70,6 +70,8 @@ LEVELS: dict[str, dict[str, float]] = {
     "main_explanation": {"main_explanation": -1e9},
     "few_waves": {"few_waves": 1e9},
     "few_waves none": {"few_waves": 0.0},
+    "left_over": {"left_over": 1e9},
+    "much_left_over": {"much_left_over": 1e9},
     "most_blind": {"most_blind": 1e9},
     "adequate_over_noise": {"adequate_over_noise": 1e9},
 }
@@ -129,6 +131,9 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
         )
     },
     "_find_lasting_cause": [(next_finding, "_find_lasting_cause", _no_reason)],
+    "check_moving_joints": [
+        (module, "check_moving_joints", _no_reason) for module in (next_finding, comparison_of_rivals)
+    ],
     "_find_twins": [(next_finding, "_find_twins", _empty)],
     "_prefer_usual_change": [(next_finding, "_prefer_usual_change", lambda _state, chosen, twins: (chosen, twins))],
     "_is_part_of_change": [(next_finding, "_is_part_of_change", _false)],
@@ -216,6 +221,8 @@ DECISIONS: dict[str, list[Callable[..., Any]]] = {
     "main_explanation": [identifiability_and_invisible_effects.is_main_explanation],
     "few_waves": [forward_selection._is_slow_wave],
     "few_waves none": [forward_selection._is_slow_wave],
+    "left_over": [ambiguities.find_misnamed],
+    "much_left_over": [ambiguities.find_misnamed],
 }
 """The decisions that a level is for; one without an entry is always tried."""
 

@@ -242,6 +242,26 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
         assert found[0].candidate.effect == named
 
 
+@pytest.mark.parametrize(("left", "named"), [(1.5, "presliding"), (1.98, None)])
+def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_moving_joints_alone(
+    monkeypatch, left, named
+):
+    rows, gains = np.ones((40, 1)), np.linspace(1.0, 2.0, 40)
+    sliding = judged(gains, name="presliding")
+    asked = []
+
+    def where_it_moves(state, candidates, *, kinds=None):
+        asked.append(kinds)
+        return [judged(gains, name="presliding", before=2.0 * rows, after=left * rows)]
+
+    monkeypatch.setattr(next_finding, "find_rejection", lambda state, item: None)
+    monkeypatch.setattr(next_finding, "find_impossibility", lambda state, item: None)
+    monkeypatch.setattr(next_finding, "score_all", where_it_moves)
+    found = next_finding.select_candidate(state_of(turns=True), [sliding])
+    assert (found and found[0].candidate.effect) == named
+    assert asked == [(False, False)]
+
+
 def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():
     rows = np.ones((40, 1))
     floor = np.ones(1)

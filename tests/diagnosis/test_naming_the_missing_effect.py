@@ -31,12 +31,15 @@ from support.oracles import fourier_motion
 from dynident.advice import advise
 from dynident.diagnosis import Diagnosis, compare, diagnose, diagnose_model, examine
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool, build_pool_of_choices
+from dynident.diagnosis.diagnosis_result import Invisible
+from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.diagnosis.residuals.spectral_peaks import AngleLines, find_angle_lines
 from dynident.diagnosis.search import forward_selection
 from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.finding_refinement import RecordedSource, refine_constants, refine_findings
+from dynident.diagnosis.search.identifiability_and_invisible_effects import extend_with_findings
 from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import EffectChoice, UnknownEffectError
 from dynident.errors import Cancelled
@@ -376,6 +379,29 @@ def test_refining_constants_tells_its_progress_and_can_be_cancelled(monkeypatch)
     is_cancelled = bool
     with pytest.raises(Cancelled):
         refine_constants(model, [Finding(scored, (), 0.001)], inputs, resolved, cancel)
+
+
+def test_what_cannot_be_added_once_a_wrong_name_is_gone_is_none_of_the_findings(monkeypatch):
+    calls = []
+
+    def extend(model, choices, recordings, progress):
+        calls.append([choice.effect for choice in choices])
+        if len(calls) == 1:
+            return extend_with_findings(model, choices, recordings, progress)
+        invisible = Invisible(choices[0].effect, choices[0].joints, "it cannot be added")
+        return model, {0: (invisible, Reason.build("cannot_be_added", detail="none"))}
+
+    def hidden(motion, load):
+        tau = CASES["load_dependent_friction"].hidden(motion, load)
+        return tau + CASES["offset"].hidden(motion, load)
+
+    monkeypatch.setattr(diagnose_model, "extend_with_findings", extend)
+    monkeypatch.setattr(diagnose_model, "find_misnamed", lambda *asked: [0])
+    run = experiment(hidden, PLAIN)
+    found = diagnose(run.identification, [run.training], candidates=FAST)
+    assert [len(choices) for choices in calls] == [2, 1]
+    assert found.recommended == ()
+    assert calls[1][0] in [item.effect for item in found.not_visible]
 
 
 def test_further_proposals_leave_the_numbers_of_all_earlier_columns():

@@ -290,7 +290,7 @@ def examine(
         *([word_changes(model.robot, changes, friction)] if changes is not None else []),
         *undisturbed.sentences,
         *(delay.reason.text for delay in clock),
-        word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model),
+        word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model, has),
         *([UNDETERMINED] if record.is_undetermined else []),
     ]
     progress(1.0, "diagnosed")

@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, RankedEffect, UnknownPattern
+from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, RankedEffect, UnknownPattern, word_title
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, describe_place
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice, get_effect
@@ -276,10 +276,14 @@ def group_patterns(unknown: Sequence[UnknownPattern], joint_names: Sequence[str]
     return rows
 
 
-def _word_rivals(ranked: RankedEffect) -> str:
-    """Return the titles of the effects that another motion would tell from a finding, as they follow its place."""
-    rivals = [name for name in ranked.equivalent if name not in get_effect(ranked.effect).same_function]
-    return "".join(f", or {get_effect(name).title}" for name in rivals)
+def _list_rivals(ranked: RankedEffect) -> list[str]:
+    """List the effects that another motion would tell from a finding."""
+    return [name for name in ranked.equivalent if name not in get_effect(ranked.effect).same_function]
+
+
+def _word_rivals(ranked: RankedEffect, has: Collection[str]) -> str:
+    """Return the titles of the rivals of a finding, as they follow its place."""
+    return "".join(f", or {word_title(name, word_question(name, has))}" for name in _list_rivals(ranked))
 
 
 def word_summary(
@@ -290,6 +294,7 @@ def word_summary(
     residual: FloatArray,
     floor: FloatArray,
     model: Model,
+    has: Collection[str] = (),
 ) -> str:
     """Word the verdict in a few sentences.
 
@@ -309,19 +314,23 @@ def word_summary(
         Noise of the sensors, N m or N.
     model : Model
         The model in which something is missing.
+    has : collection of str
+        Parts that the robot is known to have.
     """
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         # An effect that was found joint by joint is told once.
         places: dict[tuple[str, str], list[str]] = {}
         for ranked_effect in significant:
-            places.setdefault((ranked_effect.title, _word_rivals(ranked_effect)), []).extend(ranked_effect.joints)
+            places.setdefault((ranked_effect.title, _word_rivals(ranked_effect, has)), []).extend(ranked_effect.joints)
         names = "; ".join(
             f"{title} on "
             f"{join_joint_names(list(dict.fromkeys(joints)), model.robot.joint_names) or 'the whole robot'}{rivals}"
             for (title, rivals), joints in places.items()
         )
-        questions = dict.fromkeys(ranked_effect.question for ranked_effect in significant if ranked_effect.question)
+        rivals = (word_question(name, has) for ranked_effect in significant for name in _list_rivals(ranked_effect))
+        own = (ranked_effect.question for ranked_effect in significant)
+        questions = filter(None, dict.fromkeys((*own, *rivals)))
         text = " ".join((f"The model lacks: {names}.", *questions))
     elif verdict == "unexplained" and conclusion.code != "cannot_tell":
         text = "No effect of the catalogue explains the remaining residual."

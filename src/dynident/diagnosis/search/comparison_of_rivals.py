@@ -10,29 +10,35 @@ Stribeck friction won against the quadratic friction that it was.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import fdtri
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool_of_choices
-from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
+from dynident.diagnosis.candidates.significance import (
+    ALPHA,
+    ScoredCandidate,
+    are_indistinguishable,
+    has_larger_gain,
+)
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.search.acceptance_rules import compute_stability, find_rejection
-from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
+from dynident.diagnosis.search.next_finding import check_moving_joints, is_seldom_change, select_candidate
 from dynident.diagnosis.search.physical_plausibility import find_impossibility
 from dynident.diagnosis.search.search_state import Finding, ProductSource, State, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification.shape_search import list_between
 
-# `benchmarks/equal_terms.py` calibrates these; seeds 1 to 3 and 5.
-
-
+# `benchmarks/equal_terms.py` calibrates this; seeds 1 to 3 and 5.
 _STARTS = 6
 """Values of a grid from which constants are searched for: their error has several valleys. The best was reached from
 these in 177 of 181 cases, from half as many in 161."""
+
+_PARTS = 5
+"""Parts of a run, of which each is judged with constants chosen in the others."""
 
 WIDTHS = (1.0, 1.0, 0.5, 0.25)
 """How far constants are searched for around the best so far, over half the distance between values of the grid."""
@@ -179,16 +185,22 @@ def name_findings(rows: ProductSource, state: State) -> State:
     in nearly every draw; what explains alike within chance is its equal.
     """
     starts = [_list_names(state, finding) for finding in state.findings]
+    if not any(starts):
+        return state
     # Constants are searched for around those of the grid, and then around the best of these.
-    for width in WIDTHS:
-        if not any(starts):
-            return state
-        finer = [list_finer(own, width) for own in starts]
-        groups = _score_names(rows, state, finer)
-        starts = [_select_best(*each) for each in zip(groups, finer, strict=True)]
-    findings = []
-    for finding, own, known in zip(state.findings, groups, finer, strict=True):
-        findings.append(_name_finding(state, finding, own, known) if own else finding)
+    *wide, last = WIDTHS
+    for width in wide:
+        names = _gather_names(rows, state, [list_finer(own, width) for own in starts])
+        starts = [
+            _select_best(_score_names(names, state.findings, number), own) for number, own in enumerate(names.known)
+        ]
+    names = _gather_names(rows, state, [list_finer(own, last) for own in starts])
+    findings = list(state.findings)
+    # One after another, each beside the names that the earlier ones have got: two may not get the same.
+    for number, finding in enumerate(state.findings):
+        if names.known[number]:
+            groups = _score_names(names, findings, number)
+            findings[number], names.present[number] = _name_finding(names, number, finding, groups)
     rest = state.drop_columns({k for finding in state.findings for k in finding.columns})
     base = (*rest.base, *(k for finding in findings for k in finding.columns))
     return replace(state, base=base, findings=tuple(findings))
@@ -212,20 +224,49 @@ def _list_names(state: State, finding: Finding) -> Starts:
     return {scored.candidate.choice: scored for scored in near} if has_rival else {}
 
 
-def _score_names(rows: ProductSource, state: State, names: Sequence[Starts]) -> list[list[Scores]]:
-    """Score the names of every finding beside all other findings, those that are about the same rows together."""
+@dataclass(frozen=True, eq=False)
+class _Names:
+    """What findings may be called, with the products of all these names.
+
+    Parameters
+    ----------
+    finer : State
+        The model without the findings, on a pool of the names.
+    known : sequence of Starts
+        What each finding may be called.
+    present : list of Candidate or None
+        What each finding is called by now; None where the model has its columns already.
+    """
+
+    finer: State
+    known: Sequence[Starts]
+    present: list[Candidate | None]
+
+    def get_state_beside(self, number: int) -> State:
+        """Return the model with all findings but one."""
+        others = [other for k, other in enumerate(self.present) if k != number and other is not None]
+        return replace(self.finer, base=(*self.finer.base, *(k for other in others for k in other.columns)))
+
+
+def _gather_names(rows: ProductSource, state: State, known: Sequence[Starts]) -> _Names:
+    """Gather the products of all names in one pass over the recordings."""
     mine = [finding.judged.candidate.choice for finding in state.findings]
     rest = state.drop_columns({k for finding in state.findings for k in finding.columns})
-    # One pass over the recordings for all of them. Two names of the same columns are one: that of the finding.
-    finer = refine_grid(rows, rest, list(dict.fromkeys([*mine, *(choice for own in names for choice in own)])))
-    known = [finer.pool.find_candidate(choice) for choice in mine]
-    groups: list[list[Scores]] = []
-    for number, (finding, own) in enumerate(zip(state.findings, names, strict=True)):
-        others = (k for i, other in enumerate(known) if i != number and other is not None for k in other.columns)
-        beside = replace(finer, base=(*finer.base, *others))
-        candidates = [candidate for candidate in finer.pool.candidates if candidate.choice in own]
-        groups.append(_score_by_rows(beside, finding, candidates))
-    return groups
+    # Two names of the same columns are one: that of the finding.
+    finer = refine_grid(rows, rest, list(dict.fromkeys([*mine, *(choice for own in known for choice in own)])))
+    return _Names(finer, known, [finer.pool.find_candidate(choice) for choice in mine])
+
+
+def _score_names(names: _Names, findings: Sequence[Finding], number: int) -> list[Scores]:
+    """Score the names of a finding beside all other findings, those that are about the same rows together."""
+    finding, others = findings[number], [*findings[:number], *findings[number + 1 :]]
+    candidates = [
+        candidate
+        for candidate in names.finer.pool.candidates
+        if candidate.choice in names.known[number]
+        and (candidate.effect == finding.judged.candidate.effect or _is_admissible(candidate, others))
+    ]
+    return _score_by_rows(names.get_state_beside(number), finding, candidates)
 
 
 def _score_by_rows(state: State, finding: Finding, candidates: Sequence[Candidate]) -> list[Scores]:
@@ -259,30 +300,51 @@ def _find_best(scores: Sequence[ScoredCandidate]) -> ScoredCandidate:
     return max(scores, key=lambda scored: scored.total_gain)
 
 
-def _name_finding(state: State, finding: Finding, groups: Sequence[Scores], known: Starts) -> Finding:
-    """Return a finding by the name that it has beside all others, and its equals."""
+def _name_finding(
+    names: _Names, number: int, finding: Finding, groups: Sequence[Scores]
+) -> tuple[Finding, Candidate | None]:
+    """Return a finding by the name that it has beside all others, with its equals, and that name's finer constants."""
+    beside, known = names.get_state_beside(number), names.known[number]
     before = name = finding.judged.candidate.effect
+    groups = [_drop_names_at_reversals(beside, scores, before) for scores in groups]
     for scores in groups:
-        name = _choose_name(state, scores, name) if name in scores else name
+        name = _choose_name(beside, scores, name) if name in scores else name
     here = [scores for scores in groups if name in scores]
     best = {effect: _find_best(each) for scores in here for effect, each in scores.items()}
-    alike = {effect for scores in here for effect in scores if _are_alike(state, scores, name, effect)}
-    equal = tuple(known[best[effect].candidate.choice] for effect in best if effect in alike)
+    alike = {effect for scores in here for effect in scores if _are_alike(beside, scores, name, effect)}
+    ranked = sorted((best[effect] for effect in alike), key=lambda scored: -scored.total_gain)
+    # Names on other joints or in other runs were not compared here.
+    place = finding.judged.candidate.joints, finding.judged.candidate.runs
+    elsewhere = [scored for scored in finding.equal if (scored.candidate.joints, scored.candidate.runs) != place]
+    equal = (*(known[scored.candidate.choice] for scored in ranked), *elsewhere)
     if name == before:
-        return replace(finding, equal=equal)
+        return replace(finding, equal=equal), names.present[number]
     former = (replace(finding.judged, p=finding.p), *finding.former)
-    return Finding(known[best[name].candidate.choice], equal, finding.p, former=former)
+    new = best[name].candidate
+    return Finding(known[new.choice], equal, finding.p, former=former), new
+
+
+def _drop_names_at_reversals(state: State, scores: Scores, name: str) -> Scores:
+    """Drop other names than the finding's own that say nothing where joints move on."""
+    return {
+        effect: each
+        for effect, each in scores.items()
+        if effect == name or check_moving_joints(state, _find_best(each)) is None
+    }
 
 
 def _choose_name(state: State, scores: Scores, name: str) -> str:
-    """Return the effect that explains more in nearly every draw, or as much as that with fewer constants."""
+    """Return the effect that explains more in nearly every draw, or as much as that with fewer constants.
+
+    With more constants than the name so far it has to explain clearly more.
+    """
     best = {effect: _find_best(each) for effect, each in scores.items()}
     own, run = best[name], state.data.moving.run
     ahead = [
         scored
         for scored in best.values()
         if scored.total_gain > own.total_gain
-        and scored.freedom <= own.freedom
+        and (scored.freedom <= own.freedom or has_larger_gain(scored, own))
         and not is_seldom_change(state, scored)
         and compute_stability([scored], [own], run) >= state.rules.found_again
     ]
@@ -305,6 +367,7 @@ def _are_alike(state: State, scores: Scores, name: str, other: str) -> bool:
     # Nor does what needs more constants to explain no more.
     if theirs.freedom > mine.freedom and theirs.total_gain <= mine.total_gain:
         return False
+    # What explains more, but not surely enough to be the name, is one that data leave open.
     return not _are_told_apart(theirs, mine)
 
 
@@ -313,9 +376,17 @@ def _is_acceptable(state: State, scored: ScoredCandidate) -> bool:
 
 
 def _nest_gains(scores: Sequence[ScoredCandidate], run: IndexArray) -> FloatArray:
-    """Return the gains (s,) of an effect whose constants are chosen without the run, or the fifth, that is judged."""
+    """Return the gains (s,) of an effect, in every part of the data with the constants that gain most in the others.
+
+    Parts are runs, or fifths of each run where the effect acts in one run only. Only the choice of the constants is
+    made without the part: what they gain in the others comes from fits that may contain it.
+    """
     gains = np.array([scored.gains for scored in scores])
-    parts = run if len(np.unique(run)) > 1 else np.arange(gains.shape[1]) * 5 // gains.shape[1]
+    parts = run.copy()
+    if len(np.unique(run)) == 1 or len(scores[0].candidate.runs) == 1:
+        for number in np.unique(run):
+            blocks = np.flatnonzero(run == number)
+            parts[blocks] = np.arange(len(blocks)) * _PARTS // len(blocks)
     nested = np.zeros(gains.shape[1])
     for part in np.unique(parts):
         here = parts == part

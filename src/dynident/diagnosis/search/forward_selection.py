@@ -208,7 +208,7 @@ def search_findings(
 
 
 def settle_findings(record: SearchRecord) -> None:
-    """Settle what a search added, on the grid: rename waves, merge findings, drop superfluous ones, split groups.
+    """Settle what a search added, on the grid: merge findings, drop superfluous ones, split groups.
 
     Several findings over the position of a joint become one that explains as much. Joints of a group whose constants
     the data tell apart become findings with their own constants.

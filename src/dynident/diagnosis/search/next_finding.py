@@ -82,7 +82,8 @@ def select_candidate(
             slim = drop_idle_joints(state, chosen)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
-            rejection = None if whole else find_rejection(state, replace(slim, p=chosen.p))
+            by_itself = None if whole else find_rejection(state, replace(slim, p=chosen.p))
+            rejection = by_itself or check_moving_joints(state, slim)
             if rejection is None:
                 return replace(slim, p=chosen.p), equal + find_richer_changes(state, slim, passing, equal)
         else:
@@ -148,6 +149,20 @@ def _is_warmth(scored: ScoredCandidate) -> bool:
 def _grows_with_load(scored: ScoredCandidate) -> bool:
     effect = get_effect(scored.candidate.effect)
     return effect.is_friction and effect.needs_load and not scored.candidate.runs
+
+
+def check_moving_joints(state: State, chosen: ScoredCandidate) -> Reason | None:
+    """Check that what remembers the path also lowers the error where joints move on, not only where they reverse.
+
+    There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
+    """
+    turns, starts = state.data.find_row_kinds(chosen.candidate.columns)
+    if not turns:
+        return None
+    (scored,) = score_all(state, [chosen.candidate], kinds=(False, starts))
+    if scored.error_drop >= state.rules.least_error_drop:
+        return None
+    return Reason.build("only_at_reversals", share=max(scored.error_drop, 0.0), least=state.rules.least_error_drop)
 
 
 def _prefer_usual_change(
