@@ -199,13 +199,17 @@ def test_a_name_with_more_constants_that_explains_clearly_more_takes_over(joint,
     assert [scored.candidate.effect for scored in found.former] == [wrong.effect]
 
 
-def test_equals_on_other_joints_stay_and_those_of_the_joint_come_before_them_with_the_best_first():
-    names = ("coulomb_asymmetric", "drive_gain_error", "joint_spring")
-    asymmetric, gain, spring = (EffectChoice(name, (NAMES[1],)) for name in names)
-    elsewhere = EffectChoice("joint_spring", (NAMES[2],))
-    (found,) = named(on_joint(1, lambda q, v, load: 0.08 * load), [gain], [spring, asymmetric], elsewhere)
+def test_equals_on_other_joints_stay_whatever_the_names_on_the_own_joint_say():
+    gain, rival = (EffectChoice(name, (NAMES[2],)) for name in ("drive_gain_error", "drive_gain_saturation"))
+    elsewhere = EffectChoice("joint_spring", (NAMES[1],))
+    hidden = on_joint(2, lambda q, v, load: 0.08 * load)
+    (found,) = named(hidden, [gain], [rival], elsewhere)
     assert found.judged.candidate.choice == gain
-    assert [scored.candidate.choice for scored in found.equal] == [elsewhere]
+    assert found.equal[-1].candidate.choice == elsewhere
+    # So they do where the name changes: they were not compared with the new one.
+    (renamed,) = named(hidden, [rival], [gain], elsewhere)
+    assert renamed.judged.candidate.choice == gain
+    assert renamed.equal[-1].candidate.choice == elsewhere
 
 
 def test_of_equals_the_one_that_explains_most_comes_first(monkeypatch):

@@ -348,9 +348,7 @@ def _choose_name(state: State, scores: Scores, name: str) -> str:
         and not is_seldom_change(state, scored)
         and compute_stability([scored], [own], run) >= state.rules.found_again
     ]
-    if not ahead:
-        return name
-    winner = _find_best(ahead)
+    winner = _find_best([own, *ahead])
     slim = [scored for scored in best.values() if _is_slimmer(state, scored, winner)]
     return max(slim, key=lambda scored: scored.total_gain, default=winner).candidate.effect
 
