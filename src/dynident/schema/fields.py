@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterator, Mapping, Sized
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from functools import cache
+from numbers import Real
 from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
 
-from dynident.errors import DynidentError, check_names, check_type
+from dynident.errors import DynidentError, check_names, convert_value
 
 if TYPE_CHECKING:
     from dataclasses import _MISSING_TYPE
@@ -346,8 +347,9 @@ def get_default(request_field: Field[T]) -> T | Missing:
 class Request:
     """Base of the dataclasses that state a request: a value that its field does not take is refused.
 
-    Library, HTTP and command line make the same objects, so that they decide alike. Subclasses with checks of their own
-    call `super().__post_init__()` first.
+    Library, HTTP and command line make the same objects, so that they decide alike. Values are converted to the types
+    of the fields before they are checked (`dynident.errors.convert_value`); subclasses with checks of their own
+    therefore call `super().__post_init__()` first.
 
     Raises
     ------
@@ -364,7 +366,7 @@ class Request:
     def __post_init__(self) -> None:
         # A base class is no dataclass itself, only what derives from it is.
         for name, hint in _find_types(type(self)).items():  # type: ignore[arg-type]
-            check_type(getattr(self, name), hint, name, f"/{name}")
+            object.__setattr__(self, name, convert_value(getattr(self, name), hint, name, f"/{name}"))
         for request_field in fields(self):  # type: ignore[arg-type]
             # Fields that were declared without a description have no range to check.
             if _DESCRIPTION_KEY in request_field.metadata:
@@ -450,7 +452,7 @@ def _check_length(value: Sized, items: str, name: str, description: FieldDescrip
 
 def _check_values(value: object, name: str, description: FieldDescription, pointer: str) -> None:
     """Check the value of one field: a number, a name, or several of them. Parts that are requests check themselves."""
-    if isinstance(value, (int, float)):
+    if isinstance(value, Real):
         # For Python a bool is an int. It has no range.
         if not (isinstance(value, bool) or description.accepts(value)):
             raise DynidentError(describe_refusal(name, value, description), pointer=pointer)
