@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Mapping, Sized
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from functools import cache
-from numbers import Real
 from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
 
 from dynident.errors import DynidentError, check_names, convert_value
@@ -375,9 +374,9 @@ class Request:
 
 
 @cache
-def _find_types(request: type[Request]) -> Mapping[str, object]:
+def _find_types(request: type[DataclassInstance]) -> Mapping[str, object]:
     types = {}
-    for request_field in fields(request):  # type: ignore[arg-type]
+    for request_field in fields(request):
         # Some hints name what only type checkers import.
         with suppress(NameError):
             types[request_field.name] = resolve_hint(request, request_field)
@@ -401,7 +400,8 @@ def check_value(request: type[DataclassInstance], name: str, value: object) -> N
     DynidentError
         Where the field does not take the value.
     """
-    _check_field(value, name, get_description(get_field(request, name)))
+    converted = convert_value(value, _find_types(request)[name], name, f"/{name}")
+    _check_field(converted, name, get_description(get_field(request, name)))
 
 
 def describe_refusal(name: str, value: float, description: FieldDescription) -> str:
@@ -452,7 +452,7 @@ def _check_length(value: Sized, items: str, name: str, description: FieldDescrip
 
 def _check_values(value: object, name: str, description: FieldDescription, pointer: str) -> None:
     """Check the value of one field: a number, a name, or several of them. Parts that are requests check themselves."""
-    if isinstance(value, Real):
+    if isinstance(value, (int, float)):
         # For Python a bool is an int. It has no range.
         if not (isinstance(value, bool) or description.accepts(value)):
             raise DynidentError(describe_refusal(name, value, description), pointer=pointer)
