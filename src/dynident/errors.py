@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Integral, Real
+from os import PathLike, fspath
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -134,8 +136,8 @@ def check_names(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
     raise DynidentError(detail, pointer=unknown, title="Unknown argument")
 
 
-def check_type(value: object, hint: object, name: str, pointer: str) -> None:
-    """Check a value against the type hint of its field, inside of lists and dictionaries, too.
+def convert_value(value: object, hint: object, name: str, pointer: str) -> object:
+    """Return a value as the type hint of its field has it, inside of lists and dictionaries, too.
 
     Parameters
     ----------
@@ -148,50 +150,54 @@ def check_type(value: object, hint: object, name: str, pointer: str) -> None:
     pointer : str
         The place, for programs.
 
+    Returns
+    -------
+    object
+        Numbers of NumPy as Python's; lists, arrays and iterators as tuples, and paths as texts where the hint says so.
+
     Raises
     ------
     DynidentError
         Where the value is of another type: says what to give.
     """
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()  # type: ignore[attr-defined]
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         others = [part for part in parts if part is not NoneType]
-        if (value is None and len(others) < len(parts)) or any(_is_admitted(value, part) for part in others):
-            return
+        if value is None and len(others) < len(parts):
+            return None
         if len(others) == 1:
             # The message then names the place within the value.
-            check_type(value, others[0], name, pointer)
-    elif origin is tuple and _is_sequence(value):
-        items = list(value)  # type: ignore[call-overload]
-        hints = [parts[0]] * len(items) if parts[-1] is ... else parts
-        if len(items) == len(hints):
-            for index, (item, part) in enumerate(zip(items, hints, strict=True)):
-                check_type(item, part, f"{name}[{index}]", f"{pointer}/{index}")
-            return
+            return convert_value(value, others[0], name, pointer)
+        for part in others:
+            with suppress(DynidentError):
+                return convert_value(value, part, name, pointer)
+    elif origin is tuple and isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
+        # An iterator can be read only once.
+        value = tuple(value)
+        hints = [parts[0]] * len(value) if parts[-1] is ... else parts
+        if len(value) == len(hints):
+            return tuple(
+                convert_value(item, part, f"{name}[{index}]", f"{pointer}/{index}")
+                for index, (item, part) in enumerate(zip(value, hints, strict=True))
+            )
     elif origin is Mapping and isinstance(value, Mapping):
-        for key, item in value.items():
-            check_type(item, parts[1], f"{name}[{key!r}]", f"{pointer}/{key}")
-        return
+        return {
+            key: convert_value(item, parts[1], f"{name}[{key!r}]", f"{pointer}/{key}") for key, item in value.items()
+        }
+    elif hint is str and isinstance(value, PathLike):
+        return fspath(value)
+    elif hint is float and isinstance(value, Real) and not isinstance(value, int):
+        return float(value)
     elif origin not in (tuple, Mapping) and _is_instance(value, hint):
-        return
+        return value
     raise DynidentError(f"{name} is {describe_value(value)}; give {_describe_hint(hint)}", pointer=pointer)
-
-
-def _is_admitted(value: object, hint: object) -> bool:
-    try:
-        check_type(value, hint, "", "")
-    except DynidentError:
-        return False
-    return True
-
-
-def _is_sequence(value: object) -> bool:
-    return isinstance(value, Iterable) and not isinstance(value, (str, Mapping))
 
 
 def _is_instance(value: object, hint: object) -> bool:
     if hint in (float, int):
-        return isinstance(value, Real if hint is float else Integral) and not isinstance(value, bool)
+        return isinstance(value, Integral) and not isinstance(value, bool)
     # Names of a Literal are checked where their choices are known.
     return hint is Any or not isinstance(hint, type) or isinstance(value, hint)
 
@@ -207,7 +213,7 @@ def _describe_hint(hint: object) -> str:
         count = "a list, each item" if parts[-1] is ... else f"{len(parts)} values, each"
         return f"{count} {_describe_hint(parts[0])}"
     if origin is not None:
-        return f"a dictionary, each value {_describe_hint(parts[-1])}"
+        return "a dictionary" + ("" if parts[-1] is Any else f", each value {_describe_hint(parts[-1])}")
     if isinstance(hint, type) and hint not in _NOUNS:
         names = ", ".join(getattr(hint, "__dataclass_fields__", ()))
         return _add_article(hint.__name__) + (f", {hint.__name__}({names})" if names else "")

@@ -127,3 +127,15 @@ def test_a_frame_with_names_on_two_levels_is_inspected_and_read_as_proposed(desk
     np.testing.assert_allclose(read.to_table()["q_elbow"], table["q2"], atol=1e-9)
     with pytest.raises(dy.DynidentError, match="give it, inspect"):
         dy.inspect(frame)
+
+
+def test_plain_names_of_a_frame_are_kept(desk: Path, robot: dy.Robot) -> None:
+    frame = pandas.read_csv(desk / "run1.csv").rename(columns={"q2": "(q, 0)"})
+    [read] = dy.read_recordings(frame, robot=robot, columns={"q2": "(q, 0)"})
+    np.testing.assert_allclose(read.to_table()["q_elbow"], frame["(q, 0)"], atol=1e-9)
+
+
+def test_names_on_two_levels_that_become_equal_are_refused(robot: dy.Robot) -> None:
+    frame = pandas.DataFrame({("a_b", "c"): [1.0, 2.0], ("a", "b_c"): [3.0, 4.0]})
+    with pytest.raises(dy.DynidentError, match=r"\('a_b', 'c'\) and \('a', 'b_c'\) both get the name a_b_c; give"):
+        dy.read_recordings(frame, robot=robot)

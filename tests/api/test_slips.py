@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import random
 from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import pytest
 
 import dynident as dy
 from dynident.api.argument_checks import EXPECTED
-from dynident.effects import Column, Effect, ParameterSpec, Signals
+from dynident.effects import Column, Effect, EffectChoice, ParameterSpec, Signals
+from dynident.excitation import CriterionChoice, TrajectoryRequest
 
 Q = np.zeros(4)
 
@@ -112,6 +114,19 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a text for a number": (lambda d: dy.DesignRequest(time_budget="5"), "time_budget is '5'; give a number"),
     "a number for a name": (lambda d: dy.IdentificationChoices(prior=3), "prior is 3; give a text"),
     "a number for limits": (lambda d: dy.DesignRequest(limits={"elbow": 3}), r"limits\['elbow'\] is 3; give a Limits"),
+    "a dictionary for a range": (lambda d: dy.Surroundings(tool_range={"low": 1}), "tool_range is .*give a ToolRange"),
+    "a number for a posture": (lambda d: dy.DesignRequest(home=np.array(0.5)), r"home is 0\.5; give a list"),
+    "a number for windows": (lambda d: dy.RecordingMetadata(windows=np.array(1.0)), r"windows is 1\.0; give a list"),
+    "a number for steps": (lambda d: dy.RecordingMetadata(skip=3), "skip is 3; give a list"),
+    "a list for a kind": (lambda d: dy.RecordingMetadata(effort_kind=["a"]), "there is no effort_kind 'a'"),
+    "a number for a payload": (lambda d: dy.RecordingMetadata(payload=1.0), r"payload is 1\.0; give a dictionary$"),
+    "a count of NumPy": (lambda d: TrajectoryRequest(harmonics=np.int64(-5)), "harmonics is -5; it must be"),
+    "a distance of NumPy": (lambda d: dy.Surroundings(clearance=np.float32(-1)), r"clearance is -1\.0; it must be"),
+    "no number of NumPy": (lambda d: dy.Limits(velocity=np.float32("nan")), "velocity is nan; it must be"),
+    "a fraction": (lambda d: dy.Surroundings(clearance=Fraction(-1, 2)), r"clearance is -0\.5; it must be"),
+    "a limit of NumPy": (lambda d: dy.validate(d["model"], limit=np.float32(-1)), r"limit is -1\.0; it must be"),
+    "negative edges": (lambda d: dy.Box("a", np.zeros(3), -np.ones(3)), r"size is -1\.0; it must be above 0"),
+    "a filter of a list": (lambda d: dy.Filters(position_cutoff=[3]), "give a number, None for no filter"),
     "edges in the plane": (lambda d: dy.Box("table", (1, 0, 0), (1, 1)), r"size is \(1, 1\); give 3 values"),
     "an option of choices": (
         lambda d: dy.identify(d["robot"], d["runs"], prior="description"),  # type: ignore[call-arg]
@@ -148,6 +163,51 @@ def test_a_slip_gets_a_sentence(slip: str, desk_of_slips: Desk) -> None:
         make(desk_of_slips)
 
 
+BOX = dy.Box("a", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+LINK = EffectChoice("rigid_body")
+# What is given, beside the plain values that it stands for; iterators can be read only once, so each is made anew.
+CONVERTED: dict[str, Callable[[], tuple[object, object]]] = {
+    "a generator of boxes": lambda: (dy.Surroundings(boxes=(box for box in [BOX])), dy.Surroundings(boxes=(BOX,))),
+    "a map of effects": lambda: (
+        dy.IdentificationChoices(effects=map(EffectChoice, ["rigid_body"])),
+        dy.IdentificationChoices(effects=(LINK,)),
+    ),
+    "effects of a criterion": lambda: (
+        CriterionChoice("separation", effects=iter([LINK])),
+        CriterionChoice("separation", effects=(LINK,)),
+    ),
+    "a zip of windows": lambda: (
+        dy.RecordingMetadata(windows=zip([1, 4], [2, 5], strict=True)),
+        dy.RecordingMetadata(windows=((1, 2), (4, 5))),
+    ),
+    "checks and steps one by one": lambda: (
+        dy.RecordingMetadata(accept=iter(["clock"]), skip=iter(["registers"])),
+        dy.RecordingMetadata(accept=("clock",), skip=("registers",)),
+    ),
+    "arrays": lambda: (dy.Box("a", np.zeros(3), np.ones(3)), BOX),
+    "a posture as an array": lambda: (dy.DesignRequest(home=np.ones(2)), dy.DesignRequest(home=(1.0, 1.0))),
+    "an order as an array": lambda: (
+        dy.RecordingMetadata(permutation={"tau": np.array([2, 1])}),
+        dy.RecordingMetadata(permutation={"tau": (2, 1)}),
+    ),
+    "a flag of NumPy": lambda: (dy.Surroundings(self_collision=np.False_), dy.Surroundings(self_collision=False)),
+    "another flag": lambda: (
+        dy.IdentificationChoices(weigh_turns=np.bool_(False)),
+        dy.IdentificationChoices(weigh_turns=False),
+    ),
+    "a folder": lambda: (dy.Surroundings(mesh_folders=[Path("/tmp")]), dy.Surroundings(mesh_folders=("/tmp",))),
+    "an array of one number": lambda: (dy.Surroundings(clearance=np.array(0.5)), dy.Surroundings(clearance=0.5)),
+    "a filter of NumPy": lambda: (dy.Filters(torque_cutoff=np.float32(3)), dy.Filters(torque_cutoff=3.0)),
+}
+
+
+@pytest.mark.parametrize("given", CONVERTED)
+def test_numbers_of_numpy_iterators_and_paths_are_what_they_stand_for(given: str) -> None:
+    request, plain = CONVERTED[given]()
+    assert request == plain
+    assert repr(request) == repr(plain)
+
+
 WRONG = (
     3.5,
     "some text",
@@ -172,7 +232,8 @@ PLACES = [
 def test_a_drawn_slip_names_the_argument_before_anything_is_computed(number: int, desk_of_slips: Desk) -> None:
     draw = random.Random(number)
     function, name = draw.choice(PLACES)
-    value = draw.choice([value for value in WRONG if not EXPECTED[name].admits(value)])
+    expected = EXPECTED.get(f"{function.__name__}.{name}", EXPECTED[name])
+    value = draw.choice([value for value in WRONG if not expected.admits(value)])
     arguments: dict[str, Any] = {
         "robot": desk_of_slips["robot"],
         "model": desk_of_slips["model"],

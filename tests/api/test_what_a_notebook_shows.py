@@ -227,7 +227,7 @@ def test_parameters_come_by_number_by_slice_and_by_name(better: dy.Model, model:
     assert [one.name for one in better.parameters[:2]] == ["ZZ1", "ZZ2"]
     assert "Fst1" in better.parameters
     assert "Fst1" not in model.parameters
-    with pytest.raises(KeyError, match="no parameter 'Fst9'; the parameters are: ZZ1"):
+    with pytest.raises(KeyError, match="no parameter 'Fst9'; did you mean 'Fst1'\\? There are: ZZ1"):
         better.parameters["Fst9"]
 
 

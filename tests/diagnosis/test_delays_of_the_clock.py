@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,11 @@ from support.hidden_effects import NOISE, ROBOT, WITH_OFFSET, drives
 from support.oracles import FloatArray, fourier_motion, pinocchio_torque
 
 from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis.search.identifiability_and_invisible_effects import find_clock_delays
+from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
+from dynident.regressors.model_structure import build_model
 
 FAST, RATE = 1000, 40
 EVERY = FAST // RATE
@@ -65,3 +69,28 @@ def test_a_longer_delay_is_named_at_the_same_rate():
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [("torque_delay", ())]
     assert "within_sampling" not in {outcome.reason.code for outcome in found.outcomes}
     assert np.all(residual < 1.2 * found.noise_floor)
+
+
+@pytest.mark.parametrize(
+    ("delay", "deviation", "periods", "explained"),
+    [
+        (3e-3, 1e-5, (10e-3,), True),
+        (8e-3, 2e-3, (10e-3,), True),
+        (8e-3, 1e-5, (10e-3,), False),
+        (30e-3, 13.5e-3, (10e-3,), False),
+        (-30e-3, 13.5e-3, (10e-3,), False),
+        (4e-4, 1e-5, (1e-3, 10e-3), True),
+        (4e-3, 1e-5, (1e-3, 10e-3), False),
+    ],
+)
+def test_the_clock_explains_delays_within_a_step_of_the_fastest_log(delay, deviation, periods, explained):
+    choice = EffectChoice("torque_delay")
+    model = build_model(ROBOT, (*WITH_OFFSET, choice))
+    grown = SimpleNamespace(
+        model=model,
+        parameters=[SimpleNamespace(value=delay, standard_deviation=deviation)] * model.n_parameters,
+    )
+    recordings = [SimpleNamespace(period=period) for period in periods]
+    delays = find_clock_delays(grown, [None], [choice], recordings, ())
+    assert bool(delays) == explained
+    assert all(dict(clock.reason.values)["sampling_step"] == min(periods) for clock in delays)

@@ -215,6 +215,13 @@ def test_the_way_home_goes_around_a_box_between_home_and_start():
     assert around > 0
 
 
+@pytest.mark.parametrize("size", [(1, 1, 1), np.ones(3, dtype=int)], ids=["tuple", "array"])
+def test_boxes_that_are_given_one_by_one_in_whole_numbers_are_in_the_way(size):
+    block = Surroundings(boxes=(Box(name, (0, 0, 0.6), size) for name in ["block"]))
+    with pytest.raises(ImpossibleLimitsError, match="'upper – box 'block'' would touch"):
+        design_experiment(safe_robot("gantry"), replace(QUICK, surroundings=block))
+
+
 def test_a_home_in_the_way_is_refused_by_what_it_touches():
     block = Surroundings(boxes=(Box("block", (0, 0, 0.6), (0.3, 0.3, 0.3)),))
     with pytest.raises(ImpossibleLimitsError, match=r"At home, 'upper – box 'block'' would touch") as caught:

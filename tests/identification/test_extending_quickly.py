@@ -11,7 +11,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
-from dynident.recordings import Preprocessing
+from dynident.recordings import Preprocessing, Recording
 from dynident.regressors import row_cache
 from dynident.regressors.model_structure import build_model, extend_model
 
@@ -71,7 +71,11 @@ def test_extending_gives_what_identifying_at_once_gives(kept, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "added", [(STEPS[0][0], EffectChoice("viscous_asymmetric")), (*STEPS[1], replace(STEPS[1][0], joints=(NAMES[3],)))]
+    "added",
+    [
+        (STEPS[0][0], EffectChoice("viscous_asymmetric")),
+        (STEPS[0][0], EffectChoice("viscous_nonlinear", (NAMES[0],), (("p", 2.0),))),
+    ],
 )
 def test_effects_added_together_take_one_pass_and_give_what_identifying_at_once_gives(added, monkeypatch):
     model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
@@ -91,6 +95,54 @@ def test_effects_added_together_take_one_pass_and_give_what_identifying_at_once_
         np.testing.assert_allclose(found.fit.rms, expected.fit.rms, rtol=1e-9)
         assert found.warnings[-1:] == expected.warnings[-1:]
     np.testing.assert_allclose(grown.statistics.standard_deviations, whole.statistics.standard_deviations, rtol=1e-7)
+
+
+SPRING = EffectChoice("joint_spring", NAMES[:3])
+LOAD = EffectChoice("load_dependent_friction", NAMES[:3])
+STRIBECK = EffectChoice("stribeck", (NAMES[0],), (("vs", 0.1), ("delta", 2.0)))
+
+
+def run_with_springs(seed: int, seconds: float) -> Recording:
+    motion = fourier_motion(ROBOT, seconds, 100.0, seed)
+    load, v = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq), motion.dq
+    tau = load + (4 + 0.1 * np.abs(load)) * np.sign(v) + 3 * v
+    tau[:, :3] += 60 * (motion.q[:, :3] - 0.2)
+    return record(ROBOT, motion, tau + np.random.default_rng(seed).normal(0, 0.5, tau.shape), f"springs {seed}")
+
+
+def test_loads_are_those_of_a_model_with_the_springs_that_are_added_beside_them():
+    runs, held_out = [run_with_springs(1, 20.0)], [run_with_springs(2, 12.0)]
+    model = identify(ROBOT, runs, held_out, CHOICES)
+    whole = identify(ROBOT, runs, held_out, replace(CHOICES, effects=(*PLAIN, SPRING, LOAD)))
+    grown = extend(model, (SPRING, LOAD), runs, held_out)
+    deviations = whole.statistics.standard_deviations
+    np.testing.assert_allclose(grown.values / deviations, whole.values / deviations, rtol=0, atol=1e-7)
+    # The load was predicted without the springs first, which the second pass makes good.
+    turned = extend(model, (LOAD, SPRING), runs, held_out)
+    assert np.all(turned.held_out.rms < 1.25 * whole.held_out.rms)
+
+
+@pytest.mark.parametrize("known", [(), (STRIBECK,)], ids=["added", "in the model"])
+def test_every_step_has_the_deviations_that_it_has_alone(known):
+    model = identify(ROBOT, RUNS, HELD_OUT, replace(CHOICES, effects=(*PLAIN, *known)))
+    added = (*(() if known else (STRIBECK,)), STEPS[0][0], EffectChoice("viscous_asymmetric"))
+    step = model
+    steps = [*extend(model, added, RUNS, HELD_OUT).ladder()][1:]
+    for together, choice in zip(steps, added, strict=True):
+        step = extend(step, (choice,), RUNS, HELD_OUT)
+        for found, expected in zip(together.parameters, step.parameters, strict=True):
+            assert found.standard_deviation == pytest.approx(expected.standard_deviation, rel=1e-6)
+        for found, expected in zip(together.estimate.shape_constants, step.estimate.shape_constants, strict=True):
+            assert found.standard_deviation == pytest.approx(expected.standard_deviation, rel=1e-6)
+
+
+def test_progress_of_several_effects_never_goes_back():
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
+    reports = []
+    added = (STEPS[0][0], STRIBECK, EffectChoice("viscous_asymmetric"))
+    extend(model, added, RUNS, HELD_OUT, lambda fraction, _: reports.append(fraction))
+    assert len(reports) > 3
+    assert reports == sorted(reports)
 
 
 def test_rows_of_other_recordings_are_not_taken():

@@ -12,7 +12,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
-from dynident.errors import DynidentError
+from dynident.errors import Cancelled, DynidentError
 from dynident.export import export_model
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.estimators.identified_robot_simulator import RecordedMotion, build_simulator, read_pieces
@@ -53,6 +53,26 @@ def test_free_motion_under_given_torque_is_that_of_the_articulated_body_algorith
         dq = dq + 1e-3 / 6.0 * (k1 + 2 * k2 + 2 * k3 + k4)
     moved = np.abs(np.array(path) - path[0]).max()
     assert np.abs(found[:500] - np.array(path)[:500]).max() < 0.01 * moved
+
+
+def test_a_simulation_without_a_controller_reports_progress_and_can_be_stopped(heavier: Identification) -> None:
+    recordings = [_record_links(1.0, 4.0, 5)]
+    reports: list[float] = []
+    compute_open_loop_drift(heavier, recordings, (0.1, 2.0), lambda fraction, _: reports.append(fraction))
+    assert len(reports) > 5
+    assert reports == sorted(reports)
+    assert reports[-1] > 0.8
+    reports.clear()
+    validate_simulation(heavier, recordings[0], progress=lambda fraction, _: reports.append(fraction))
+    assert len([fraction for fraction in reports if fraction > 0.65]) > 3
+    assert reports == sorted(reports)
+
+    def stop(fraction: float, _message: str) -> None:
+        if fraction > 0.4:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        compute_open_loop_drift(heavier, recordings, (0.1, 2.0), stop)
 
 
 def test_a_right_model_stays_near_and_one_of_other_links_runs_away() -> None:

@@ -98,12 +98,18 @@ def test_obstacles_are_stated_beside_the_limits_and_complaints_stand_at_them(pag
 
 
 def test_long_limits_are_shown_short_and_kept_exact(page: Any) -> None:
-    exact = '<limit lower="-3.14159265" upper="3.14159265" effort="100" velocity="2"/>'
+    exact = '<limit lower="-3.14159265" upper="3.14159265" effort="0.000066666" velocity="0.57"/>'
     content = re.sub("<limit[^>]*/>", exact, URDF)
     body = {"name": "long limits", "description": {"format": "urdf", "content": content}}
     robot = page.request.post("/v1/robots", data=body).json()["id"]
     page.goto(f"/?view=design&robot={robot}")
-    expect(page.get_by_label("Lowest position of elbow")).to_have_value("-3.1415")
+    # Rounded towards zero, and only where there is something to round.
+    for label, shown in (
+        ("Lowest position", "-3.1415"),
+        ("Largest velocity", "0.57"),
+        ("Largest torque", "0.00006666"),
+    ):
+        expect(page.get_by_label(f"{label} of elbow")).to_have_value(shown)
     page.get_by_label("Highest position of elbow").fill("1")
     with page.expect_request("**/v1/designs") as sent:
         page.click("#run-design")

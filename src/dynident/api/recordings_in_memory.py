@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -103,7 +103,9 @@ def open_recording_source(source: RecordingData, robot: Robot) -> SourceFile:
         columns, rate = _expand_columns(source, robot)
         return _write(pa.table(columns), rate)
     if hasattr(source, "__arrow_c_stream__") and hasattr(source, "columns"):
-        return _write(_from_frame(source), None)
+        # Names on several levels, ('position', 'elbow'), become position_elbow, as in files.
+        has_levels = getattr(source.columns, "nlevels", 1) > 1
+        return _write(_from_frame(source, join_name_levels if has_levels else str), None)
     remedy = (
         "give several recordings one by one, read_recordings(a, b, robot=robot)"
         if isinstance(source, list)
@@ -120,11 +122,16 @@ def _write(table: pa.Table, rate: float | None) -> SourceFile:
     return SourceFile(owner.path, "", rate, owner)
 
 
-def _from_frame(frame: Any) -> pa.Table:
+def _from_frame(frame: Any, get_name: Callable[[str], str]) -> pa.Table:
     """Return a data frame as an Arrow table; an index of times becomes the column t."""
     table = pa.table(frame)
-    # Names on several levels, ('position', 'elbow'), become position_elbow, as in files.
-    names = [join_name_levels(str(name)) for name in table.column_names]
+    names = [get_name(name) for name in table.column_names]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        alike = " and ".join(given for given, name in zip(table.column_names, names, strict=True) if name == twice)
+        raise DynidentError(
+            f"the columns {alike} both get the name {twice}; give them other names", pointer=twice, title=_TITLE
+        )
     if _UNNAMED_INDEX in names:
         place = names.index(_UNNAMED_INDEX)
         kind = table.schema.types[place]

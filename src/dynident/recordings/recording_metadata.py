@@ -188,13 +188,17 @@ class RecordingMetadata(Request):
     )
 
     def __post_init__(self) -> None:
-        if self.effort_kind in NO_MEASUREMENT:
+        if isinstance(self.effort_kind, str) and self.effort_kind in NO_MEASUREMENT:
             raise RecordingError(
                 f"The torque is declared as {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
                 "Give columns with the measured torque, or current, of the motors.",
                 pointer="/effort_kind",
                 title="No measured torque",
             )
+        try:
+            super().__post_init__()
+        except DynidentError as error:
+            raise RecordingError(error.detail, pointer=error.pointer) from None
         unknown = [name for name in self.skip if name not in get_args(ConditioningStep)]
         if unknown:
             raise RecordingError(
@@ -202,10 +206,6 @@ class RecordingMetadata(Request):
                 f"{', '.join(get_args(ConditioningStep))}.",
                 pointer="/skip",
             )
-        try:
-            super().__post_init__()
-        except DynidentError as error:
-            raise RecordingError(error.detail, pointer=error.pointer) from None
         if self.rate is not None and self.columns.get("t", "t") != "t":
             raise RecordingError(
                 f"Both a rate and a time column, {self.columns['t']!r}, are given: leave one of them out.",
@@ -264,6 +264,12 @@ class Filters(Request):
     )
 
     def __post_init__(self) -> None:
+        try:
+            super().__post_init__()
+        except DynidentError as error:
+            raise RecordingError(
+                error.detail, pointer=f"/preprocessing{error.pointer}", title="Impossible preprocessing"
+            ) from None
         for item in fields(self):
             value = getattr(self, item.name)
             is_none = value is None and item.name.endswith("cutoff")
@@ -276,12 +282,6 @@ class Filters(Request):
                     pointer=f"/preprocessing/{item.name}",
                     title="Impossible preprocessing",
                 )
-        try:
-            super().__post_init__()
-        except DynidentError as error:
-            raise RecordingError(
-                error.detail, pointer=f"/preprocessing{error.pointer}", title="Impossible preprocessing"
-            ) from None
 
 
 @dataclass(frozen=True)

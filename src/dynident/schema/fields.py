@@ -17,7 +17,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from functools import cache
 from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
 
-from dynident.errors import DynidentError, check_names, check_type
+from dynident.errors import DynidentError, check_names, convert_value
 
 if TYPE_CHECKING:
     from dataclasses import _MISSING_TYPE
@@ -346,8 +346,9 @@ def get_default(request_field: Field[T]) -> T | Missing:
 class Request:
     """Base of the dataclasses that state a request: a value that its field does not take is refused.
 
-    Library, HTTP and command line make the same objects, so that they decide alike. Subclasses with checks of their own
-    call `super().__post_init__()` first.
+    Library, HTTP and command line make the same objects, so that they decide alike. Values are converted to the types
+    of the fields before they are checked (`dynident.errors.convert_value`); subclasses with checks of their own
+    therefore call `super().__post_init__()` first.
 
     Raises
     ------
@@ -364,7 +365,7 @@ class Request:
     def __post_init__(self) -> None:
         # A base class is no dataclass itself, only what derives from it is.
         for name, hint in _find_types(type(self)).items():  # type: ignore[arg-type]
-            check_type(getattr(self, name), hint, name, f"/{name}")
+            object.__setattr__(self, name, convert_value(getattr(self, name), hint, name, f"/{name}"))
         for request_field in fields(self):  # type: ignore[arg-type]
             # Fields that were declared without a description have no range to check.
             if _DESCRIPTION_KEY in request_field.metadata:
@@ -373,9 +374,9 @@ class Request:
 
 
 @cache
-def _find_types(request: type[Request]) -> Mapping[str, object]:
+def _find_types(request: type[DataclassInstance]) -> Mapping[str, object]:
     types = {}
-    for request_field in fields(request):  # type: ignore[arg-type]
+    for request_field in fields(request):
         # Some hints name what only type checkers import.
         with suppress(NameError):
             types[request_field.name] = resolve_hint(request, request_field)
@@ -399,7 +400,8 @@ def check_value(request: type[DataclassInstance], name: str, value: object) -> N
     DynidentError
         Where the field does not take the value.
     """
-    _check_field(value, name, get_description(get_field(request, name)))
+    converted = convert_value(value, _find_types(request)[name], name, f"/{name}")
+    _check_field(converted, name, get_description(get_field(request, name)))
 
 
 def describe_refusal(name: str, value: float, description: FieldDescription) -> str:

@@ -261,6 +261,7 @@ class VirtualRobot:
         memory: FloatArray | None = None,
         runs: Sequence[str] = (),
         returned: IndexArray | None = None,
+        progress: Progress = ignore_progress,
     ) -> tuple[FloatArray, FloatArray]:
         """Integrate the equation of motion under given torques, without a controller, from k starts side by side.
 
@@ -279,6 +280,8 @@ class VirtualRobot:
             Label of the run of each, for effects that act in some runs alone.
         returned : (r,), optional
             Numbers of the steps to return, ascending; all by default.
+        progress : Progress
+            Called with the fraction done and a message.
 
         Returns
         -------
@@ -295,8 +298,9 @@ class VirtualRobot:
         warm = np.array([np.zeros(n) if start.temperature is None else start.temperature[0] for start in starts])
         present = np.array([self._mark_present_runs(run) for run in runs or [""] * count])
         out = np.empty((len(returned), count, 2 * n))
-        # Chunks bound the memory.
+        # Chunks bound the memory of the samples, and report progress.
         for begin in range(0, steps, _FREE_CHUNK):
+            progress(begin / steps, "simulating without a controller")
             chunk = tau[begin : begin + _FREE_CHUNK]
             inputs = np.zeros((len(chunk), count, 4 * n + 1 + self._n_runs))
             # With gains of zero the reference does not matter, and the torque takes the place of the feed-forward.

@@ -245,9 +245,8 @@ def simulate_open_loop(
     starts = choose_drift_starts(driven, tuple(ascending), most)
     if not starts:
         return None
-    progress(0.0, "simulating without a controller")
     position, velocity, way = (
-        values[:, columns] for values in _simulate_without_control(simulator, starts, tuple(ascending))
+        values[:, columns] for values in _simulate_without_control(simulator, starts, tuple(ascending), progress)
     )
     return position, velocity, way
 
@@ -275,7 +274,7 @@ def _list_starts(motion: RecordedMotion, horizons: tuple[float, ...]) -> list[in
 
 
 def _simulate_without_control(
-    simulator: Simulator, starts: Sequence[tuple[RecordedMotion, int]], horizons: tuple[float, ...]
+    simulator: Simulator, starts: Sequence[tuple[RecordedMotion, int]], horizons: tuple[float, ...], progress: Progress
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return how far simulated robots are off in position and velocity, and how far the real one moved: (k, h, n)."""
     robot, signals = simulator.robot, simulator.robot.dynamics.signals
@@ -286,13 +285,14 @@ def _simulate_without_control(
     ]
     rows = np.rint(np.array(horizons[: max(counts)]) / _STEP).astype(np.intp)
     after = _STEP * np.arange(rows[-1] + 1)
-    references, torques, memories = [], [], []
+    references, memories = [], []
+    torque = np.empty((len(after), len(starts), robot.robot.n))
     measured = np.full((3, len(starts), len(horizons), robot.robot.n), np.nan)
     for k, ((motion, start), count) in enumerate(zip(starts, counts, strict=True)):
         whole = motion.reference
         t = whole.t[start] + after
         # Beyond the end of a motion the last torque is held; what is simulated there is not used.
-        torques.append(_interpolate(t, whole.t, motion.tau))
+        torque[:, k] = _interpolate(t, whole.t, motion.tau)
         heat = None if whole.temperature is None else whole.temperature[start:]
         references.append(
             replace(
@@ -312,11 +312,12 @@ def _simulate_without_control(
     with np.errstate(all="ignore"):
         q, dq = robot.move_freely(
             references,
-            np.stack(torques, axis=1),
+            torque,
             _STEP,
             memory=np.array(memories),
             runs=[motion.label for motion, _ in starts],
             returned=rows,
+            progress=progress,
         )
         off = np.stack([q, dq]).swapaxes(1, 2) - measured[:2, :, : len(rows)]
     # A state that is no number has diverged: infinitely far, and not missing.

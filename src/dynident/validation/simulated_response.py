@@ -139,9 +139,9 @@ def validate_simulation(
     span = np.maximum(np.ptp(motion.reference.q, axis=0), 1e-9)
     # A joint that hardly moves has no range to be off by: its share would be noise over nearly zero.
     share = np.where(np.ptp(motion.reference.q, axis=0) > 1e-3, position / span, 0.0)
-    progress(0.6, "simulating without a controller")
     unknown = find_unknown_torque(identification, [recording])
-    drift = None if unknown else simulate_from_many_starts(simulator, [motion])
+    drift_progress = scale_progress(progress, 0.6, 1.0)
+    drift = None if unknown else simulate_from_many_starts(simulator, [motion], progress=drift_progress)
     judged = _judge_response(identification, motion, errors, drift, unknown, limit).prepend_reason(possible.note)
     return SimulationValidation(recording.name, duration, errors, position, share, drift, limit, judged)
 

@@ -271,7 +271,7 @@ def find_clock_delays(
     recordings: Sequence[Recording],
     since: tuple[str, ...],
 ) -> tuple[ClockDelay, ...]:
-    """Find the delays that are not surely longer than averaging over a sampling step makes them.
+    """Find the delays within a sampling step that are not surely longer than averaging over it makes them.
 
     Torque that is averaged over a step, or read before the next command is sent, is late by half a step; and where a
     command changes once a step, torque at the same point of each step is that of another time. No robot makes this.
@@ -292,7 +292,8 @@ def find_clock_delays(
     tuple of ClockDelay
         They belong into the model, but are no effects of the robot.
     """
-    step = max(recording.period for recording in recordings)
+    # A slow log beside faster ones does not explain the delay of all.
+    step = min(recording.period for recording in recordings)
     estimates = {column.key: own for column, own in zip(grown.model.kept, grown.parameters, strict=True)}
     delays = []
     for number, (finding, choice) in enumerate(zip(findings, choices, strict=True)):
@@ -302,7 +303,8 @@ def find_clock_delays(
         for column in columns:
             own = estimates[column.key]
             sure = abs(own.value) - RULES.wrong_sign * own.standard_deviation
-            if sure <= RULES.clock_delay * step:
+            # A delay of more than a step is not the clock's, however uncertain it is.
+            if abs(own.value) <= step and sure <= RULES.clock_delay * step:
                 reason = Reason.build("within_sampling", delay=own.value, sampling_step=step)
                 delays.append(ClockDelay(number, finding, choice, reason))
     return tuple(delays)

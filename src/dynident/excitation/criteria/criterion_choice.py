@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from dynident.effects.effect_choices import EffectChoice
 from dynident.errors import DynidentError
 from dynident.schema.fields import Choice, OneOf, Request, declare_field
-
-if TYPE_CHECKING:
-    from dynident.effects import EffectChoice
 
 NAMES = OneOf(
     Choice("condition_number", "condition number", "That of W [12.12]: the usual choice."),

@@ -25,6 +25,7 @@ from dynident.identification.identified_models.held_out_gain import (
 from dynident.identification.identified_models.identification_result import Identification, LadderStep
 from dynident.identification.identified_models.identify_from_recordings import add_digests, check_same_recordings
 from dynident.identification.identified_models.remove_and_solve_again import solve_submodel
+from dynident.identification.shape_refinement import list_shape_variables
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -191,9 +192,9 @@ def extend(
     # One step for each effect, so that each step of the ladder shows what its effect is worth.
     grown, idle, done = identification, [], 0
     while done < len(new):
-        step_progress = scale_progress(progress, done / len(new), 1.0)
-        together = _list_for_one_pass(identification, new[done:], validation)
+        together = _list_for_one_pass(grown, new[done:], validation)
         count = max(len(together), 1)
+        step_progress = scale_progress(progress, done / len(new), (done + count) / len(new))
         if together:
             larger, useless, count = _add_together(grown, together, recordings, validation, step_progress)
             idle += useless
@@ -285,7 +286,10 @@ def _list_for_one_pass(
     choices = identification.choices
     if not (choices.model == "dynamic" and choices.solver.from_reduced and choices.plan.from_reduced):
         return ()
-    return tuple(
+    # Loads are predicted, and shape constants linearised, with the parameters of each step by itself.
+    if identification.model.needs_load or list_shape_variables(choices.effects):
+        return ()
+    independent = tuple(
         takewhile(
             lambda choice: (
                 not (
@@ -297,6 +301,9 @@ def _list_for_one_pass(
             added,
         )
     )
+    before_shapes = tuple(takewhile(lambda choice: not list_shape_variables((choice,)), independent))
+    # Only the last step may have shape constants: the reduced data are linearised about its parameters.
+    return independent[: len(before_shapes) + 1]
 
 
 def _add_together(
@@ -312,7 +319,7 @@ def _add_together(
     -------
     Identification or None, list of str, int
         The largest model, None where nothing was added; effects that add nothing; and how many effects were looked at.
-        Those that would take other instants out of the rows are left for another pass.
+        Those that need the load, or would take other instants out of the rows, are left for another pass.
     """
     tolerance = identification.choices.tolerance
     steps: list[tuple[EffectChoice, Model]] = []
@@ -322,7 +329,8 @@ def _add_together(
         model = extend_model(before, (choice,), tolerance=tolerance)
         if model.n_parameters == before.n_parameters:
             idle.append(choice.effect)
-        elif steps and not have_same_instants(before.observation, model.observation):
+        # The steps before tell what load there is.
+        elif steps and (model.needs_load or not have_same_instants(before.observation, model.observation)):
             break
         else:
             steps.append((choice, model))
@@ -334,7 +342,7 @@ def _add_together(
     largest = steps[-1][1]
     # As in an identification from scratch, least squares without the effects that need loads predict these for all.
     predicted = identification.estimate.reference
-    if largest.needs_load and not identification.model.needs_load:
+    if largest.needs_load:
         known = build_prior(identification.model, identification.choices.trust)
         solution = solve_weighted(identification.data.equations, known)
         predicted = identification.model.build_reference(solution.values)
@@ -345,7 +353,7 @@ def _add_together(
         choices[-1],
         identification.preprocessing,
         predicted,
-        progress,
+        scale_progress(progress, 0.0, count / len(added)),
         identification.in_memory,
     )
     below = identification
@@ -407,7 +415,8 @@ def _identify_with_effects(
         reference = identification.estimate.next_reference()
     # The plain model's parameters made up for what was missing; columns of the predicted torque, and of the load that
     # others change, are better about the new ones.
-    again = any(get_effect(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
+    loads_change = model.needs_load and (len(new) > 1 or identification.model.needs_load)
+    again = loads_change or any(get_effect(choice.effect).first_order for choice in new)
     passes = 2 if again else 1
     for number in range(passes):
         grown = identify_model(

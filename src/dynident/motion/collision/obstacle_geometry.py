@@ -223,7 +223,7 @@ def build_block(box: Box) -> Block:
     placement = np.eye(4)
     placement[:3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", box.rpy).as_matrix()
     placement[:3, 3] = box.center
-    return Block(placement, np.array(box.size))
+    return Block(placement, np.array(box.size, dtype=float))
 
 
 def list_half_spaces(surroundings: Surroundings) -> tuple[HalfSpace, ...]:

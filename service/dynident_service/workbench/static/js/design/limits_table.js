@@ -12,8 +12,7 @@ export function limitsTable(robot, given) {
     const turns = joint.type === "revolute";
     const wanted = { ...joint.limits, ...dropNull(given.limits?.[joint.name]) };
     const cell = (kind, value, words, index = null) => {
-      // Towards zero: a rounded limit is no wider than the robot's. One that is left as it is stays exact.
-      const shown = typeof value === "number" ? String(Math.trunc(value * 1e4) / 1e4) : "";
+      const shown = typeof value === "number" ? String(shorten(value)) : "";
       const element = h("input", { type: "number", step: "any", class: "limit", value: shown, "aria-label": `${words} of ${joint.name}` });
       const pointer = kind === "noise" ? `/noise/${joint.name}` : `/limits/${joint.name}/${kind}`;
       const read = () => (element.value === shown ? (value ?? null) : element.value === "" ? null : Number(element.value));
@@ -34,6 +33,15 @@ export function limitsTable(robot, given) {
     h("p", { class: "note" }, "The limits of the robot; your changes apply only to this experiment. If a limit of acceleration or jerk is missing, the design assumes one and reports it. Give the noise σ (N m or N, of one sample) to see the expected standard deviations of the parameters."),
     table("Limits by joint", head, rows, { id: "limits-table" }));
   return { element, read: () => read(robot, inputs) };
+}
+
+// A rounded limit is no wider than the robot's. One that is left as it is stays exact.
+function shorten(value) {
+  // Four digits behind the point; of small numbers four that are not 0.
+  const digits = Math.max(4, Math.min(100, 3 - Math.floor(Math.log10(Math.abs(value) || 1))));
+  const near = Number(value.toFixed(digits));
+  if (Math.abs(near) <= Math.abs(value)) return near;
+  return Number((near - Math.sign(value) * 10 ** -digits).toFixed(digits));
 }
 
 function read(robot, inputs) {
