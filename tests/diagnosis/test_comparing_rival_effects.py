@@ -13,6 +13,7 @@ from support.scored_candidates import judged as scored_with
 from dynident.diagnosis import diagnose, examine
 from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.changes_between_recordings import identify_on_both
+from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search import comparison_of_rivals
 from dynident.diagnosis.search.comparison_of_rivals import name_findings
@@ -216,7 +217,7 @@ def test_of_equals_the_one_that_explains_most_comes_first(monkeypatch):
     monkeypatch.setattr(comparison_of_rivals, "_are_alike", lambda state, scores, name, other: other != name)
     monkeypatch.setattr(comparison_of_rivals, "_choose_name", lambda state, scores, name: name)
     monkeypatch.setattr(comparison_of_rivals, "_is_acceptable", lambda state, scored: True)
-    monkeypatch.setattr(comparison_of_rivals, "RULES", replace(comparison_of_rivals.RULES, contends=-1e9))
+    monkeypatch.setattr(comparison_of_rivals, "RULES", replace(RULES, contends=-1e9))
     names = ("drive_gain_saturation", "offset", "drive_gain_error", "joint_spring")
     own, *rivals = (EffectChoice(name, (NAMES[2],)) for name in names)
     (found,) = named(on_joint(2, lambda q, v, load: 0.08 * load), [own], rivals)
