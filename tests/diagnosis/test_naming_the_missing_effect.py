@@ -141,8 +141,12 @@ def test_a_slow_ripple_that_other_friction_of_its_joint_hides_is_named_beside_it
 
     run = experiment(both)
     found = diagnose(run.identification, [run.training])
-    named = {(choice.effect, choice.joints) for choice in found.recommended}
-    assert named == {("torque_ripple", (NAMES[2],)), ("load_dependent_friction", (NAMES[2],))}
+    assert {choice.joints for choice in found.recommended} == {(NAMES[2],)}
+    names = [{item.effect, *item.equivalent} for item in found.candidates if item.significant]
+    # A balancer with constants of its own says as much of so few waves within chance: it is either of both.
+    assert len(names) == 2
+    assert {"load_dependent_friction"} in names
+    assert any("torque_ripple" in each for each in names)
 
 
 @pytest.mark.slow

@@ -348,7 +348,9 @@ def _choose_name(state: State, scores: Scores, name: str) -> str:
         and not is_seldom_change(state, scored)
         and compute_stability([scored], [own], run) >= state.rules.found_again
     ]
-    winner = _find_best([own, *ahead])
+    if not ahead:
+        return name
+    winner = _find_best(ahead)
     slim = [scored for scored in best.values() if _is_slimmer(state, scored, winner)]
     return max(slim, key=lambda scored: scored.total_gain, default=winner).candidate.effect
 
@@ -395,11 +397,17 @@ def _nest_gains(scores: Sequence[ScoredCandidate], run: IndexArray) -> FloatArra
 def _list_rivals(state: State, finding: Finding, without_it: State) -> list[Candidate]:
     """List other candidates on the joints of a finding, in the same runs: only its name is in question."""
     mine = finding.judged.candidate
+    # What a function of the position leaves is one, too: no other name for something else on its joint.
+    shadowed = not get_effect(mine.effect).of_position and any(
+        get_effect(other.judged.candidate.effect).of_position and set(other.judged.candidate.joints) & set(mine.joints)
+        for other in without_it.findings
+    )
     return [
         candidate
         for candidate in state.pool.candidates
         if (candidate.joints, candidate.runs) == (mine.joints, mine.runs)
         and _is_admissible(candidate, without_it.findings)
+        and not (shadowed and get_effect(candidate.effect).of_position)
         and candidate != mine
         and not set(candidate.columns) & set(without_it.base)
     ]
