@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import tee
 from math import ceil, log
 from typing import NamedTuple
 
@@ -145,7 +146,7 @@ class ZeroPhase:
         Yields
         ------
         (k, n) and bool
-            Of other lengths than the blocks, the same total; none for an empty block.
+            One for each block, of other lengths, but the same total; an empty one while later samples are missing.
         """
         ahead = self.lookahead
         state: FloatArray | None = None
@@ -186,6 +187,8 @@ class ZeroPhase:
                 yield self._filter_backward([joined])[: n_waiting - ahead], False
                 waiting = [joined[-ahead:].copy()]
                 n_waiting = ahead
+            else:
+                yield block[:0], False
 
     def _filter_backward(self, parts: list[FloatArray]) -> FloatArray:
         """Filter the joined parts backward in time, from a steady state at their last sample."""
@@ -335,7 +338,7 @@ def _differentiate_rows(
             filtered = zero_phase.stream(read_positions())
         else:
             wide = ZeroPhase(recording.sampling_rate, acceleration_cutoff, preprocessing.filter_order)
-            filtered = _filter_twice(wide.stream(read_positions()), zero_phase)
+            filtered = _filter_side_by_side(read_positions(), (zero_phase, wide))
 
     # Two samples are held back at each border: their right neighbours come with the next run.
     held: FloatArray | None = None
@@ -352,19 +355,19 @@ def _differentiate_rows(
             yield _Rows(own, dq, ddq, dddq, ddddq, _take_rows(passing, len(own))), last
 
 
-def _filter_twice(wide: Iterable[tuple[FloatArray, bool]], narrow: ZeroPhase) -> Iterator[tuple[FloatArray, bool]]:
-    """Yield samples (k, 2 n) of a stream behind a further filter, each beside itself before that filter."""
-    before: list[FloatArray] = []
-
-    def read_wide() -> Iterator[tuple[FloatArray, bool]]:
-        for q, last in wide:
-            before.append(q)
-            yield q, last
-
-    for q, last in narrow.stream(read_wide()):
-        waiting = np.concatenate(before)
-        before[:] = [waiting[len(q) :]]
-        yield np.hstack([q, waiting[: len(q)]]), last
+def _filter_side_by_side(
+    blocks: Iterable[tuple[FloatArray, bool]], filters: Sequence[ZeroPhase]
+) -> Iterator[tuple[FloatArray, bool]]:
+    """Yield the samples of a segment behind each filter, side by side (k, 2 n): one array for each block."""
+    streams = [own.stream(samples) for own, samples in zip(filters, tee(blocks, len(filters)), strict=True)]
+    waiting: list[FloatArray] = []
+    for parts in zip(*streams, strict=True):
+        outputs = [output for output, _ in parts]
+        waiting = [np.concatenate(pair) for pair in zip(waiting, outputs, strict=True)] if waiting else outputs
+        # The filters look ahead by different numbers of samples.
+        count = min(len(output) for output in waiting)
+        yield np.hstack([output[:count] for output in waiting]), parts[0][1]
+        waiting = [output[count:] for output in waiting]
 
 
 def _differentiate(
