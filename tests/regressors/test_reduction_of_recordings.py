@@ -37,7 +37,8 @@ from dynident.regressors.row_phases import RowPhases
 ROBOT = arm("scara")
 N = ROBOT.n
 RATE = 100.0
-PREPROCESSING = Preprocessing(position_cutoff=8.0, torque_cutoff=6.0, decimation=4)
+# The acceleration passes a filter of its own.
+PREPROCESSING = Preprocessing(position_cutoff=8.4, torque_cutoff=6.0, decimation=4)
 SLIP = 5e-3
 EFFECTS = (
     *(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")),

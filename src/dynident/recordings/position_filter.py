@@ -134,7 +134,9 @@ class ZeroPhase:
         """Samples at either end of a segment that its unknown surroundings spoil."""
         return ceil(-log(SETTLED) / self._decay)
 
-    def stream(self, blocks: Iterable[tuple[FloatArray, bool]]) -> Iterator[tuple[FloatArray, bool]]:
+    def stream(
+        self, blocks: Iterable[tuple[FloatArray, bool]], least_lookahead: int = 0
+    ) -> Iterator[tuple[FloatArray, bool]]:
         """Filter the blocks of one segment.
 
         Parameters
@@ -142,13 +144,15 @@ class ZeroPhase:
         blocks : iterable of (m, n) and bool
             Samples of one segment, in order, and whether they are the last ones. An empty block says that there are no
             more for now.
+        least_lookahead : int
+            Look ahead by so many samples at least. Filters that look ahead equally far give parts of equal lengths.
 
         Yields
         ------
         (k, n) and bool
-            One for each block, of other lengths, but the same total; an empty one while later samples are missing.
+            Of other lengths than the blocks, the same total; none for an empty block.
         """
-        ahead = self.lookahead
+        ahead = max(self.lookahead, least_lookahead)
         state: FloatArray | None = None
         tail = np.empty((0, 0))
         waiting: list[FloatArray] = []
@@ -187,8 +191,6 @@ class ZeroPhase:
                 yield self._filter_backward([joined])[: n_waiting - ahead], False
                 waiting = [joined[-ahead:].copy()]
                 n_waiting = ahead
-            else:
-                yield block[:0], False
 
     def _filter_backward(self, parts: list[FloatArray]) -> FloatArray:
         """Filter the joined parts backward in time, from a steady state at their last sample."""
@@ -358,16 +360,12 @@ def _differentiate_rows(
 def _filter_side_by_side(
     blocks: Iterable[tuple[FloatArray, bool]], filters: Sequence[ZeroPhase]
 ) -> Iterator[tuple[FloatArray, bool]]:
-    """Yield the samples of a segment behind each filter, side by side (k, 2 n): one array for each block."""
-    streams = [own.stream(samples) for own, samples in zip(filters, tee(blocks, len(filters)), strict=True)]
-    waiting: list[FloatArray] = []
+    """Yield samples of a segment behind each of two filters, side by side (k, 2 n), and whether they are the last."""
+    farthest = max(own.lookahead for own in filters)
+    copies = tee(blocks, len(filters))
+    streams = [own.stream(copy, farthest) for own, copy in zip(filters, copies, strict=True)]
     for parts in zip(*streams, strict=True):
-        outputs = [output for output, _ in parts]
-        waiting = [np.concatenate(pair) for pair in zip(waiting, outputs, strict=True)] if waiting else outputs
-        # The filters look ahead by different numbers of samples.
-        count = min(len(output) for output in waiting)
-        yield np.hstack([output[:count] for output in waiting]), parts[0][1]
-        waiting = [output[count:] for output in waiting]
+        yield np.hstack([q for q, _ in parts]), parts[0][1]
 
 
 def _differentiate(

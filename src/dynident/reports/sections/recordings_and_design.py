@@ -70,10 +70,10 @@ def _list_filters(preprocessing: Preprocessing, recordings: Sequence[Recording])
 
     position = preprocessing.position_cutoff
     # What the sampling rate allows may differ between recordings.
-    own = {preprocessing.find_acceleration_cutoff(recording.sampling_rate) or position for recording in recordings}
+    own = [preprocessing.find_acceleration_cutoff(recording.sampling_rate) or position for recording in recordings]
     return (
         ("position: zero-phase Butterworth filter, cut-off", format_cutoff(position)),
-        ("acceleration: the same filter, cut-off", ", ".join(sorted({format_cutoff(value) for value in own}))),
+        ("acceleration: the same filter, cut-off", ", ".join(dict.fromkeys(map(format_cutoff, own)))),
         ("order of one pass", str(preprocessing.filter_order)),
         ("parallel filter on W and Y, cut-off", format_cutoff(preprocessing.torque_cutoff)),
         (
