@@ -5,11 +5,14 @@ from __future__ import annotations
 import io
 import timeit
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 from support.drawn_recordings import Log, guess, log, log_of, read, write
@@ -22,8 +25,17 @@ from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.identification.robot_recording_import import import_cured
 from dynident.recordings import RecordingError, RecordingMetadata
+from dynident.recordings.cells_without_numbers import find_quantities
+from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.formats import open_source
-from dynident.recordings.formats.text_streams import RewrittenText, flatten_lists
+from dynident.recordings.formats.text_streams import (
+    RewrittenText,
+    find_labels,
+    flatten_lists,
+    has_minus_elsewhere,
+    name_labelled_numbers,
+)
+from dynident.recordings.time_columns import RestartingSource
 from dynident.robot import Robot, robot_from_urdf
 
 
@@ -242,7 +254,7 @@ def test_objects_of_canopen_are_counts_and_thousandths_of_the_rated_torque() -> 
     for index, values in (("6064h", counts), ("6077h", shares)):
         columns |= {f"Node{j + 1}.{index}": values[:, j] for j in range(6)}
     proposal = guess(given.robot, columns)
-    assert proposal.columns["q6"], proposal.columns["tau6"] == ("Node6.6064h", "Node6.6077h")
+    assert (proposal.columns["q6"], proposal.columns["current6"]) == ("Node6.6064h", "Node6.6077h")
     (drives,) = [asked for asked in proposal.questions if asked.field == "drives"]
     assert "in permille: give the drive gains" in drives.detail
 
@@ -607,6 +619,39 @@ def test_names_in_two_lines_are_no_channels_of_a_scope(tmp_path: Path) -> None:
     assert not open_source(path, None).clocks
 
 
+@pytest.mark.parametrize("is_nested", [False, True])
+def test_lists_of_structures_within_structures_are_columns(tmp_path: Path, is_nested: bool) -> None:
+    def make_joint(k: int) -> dict[str, object]:
+        state = {"position": 0.1 * k, "effort": 1.0 * k}
+        return {"state": state} if is_nested else state
+
+    rows = [{"stamp": 0.01 * row, "joints": [make_joint(row + j) for j in range(3)]} for row in range(20)]
+    path = tmp_path / "run.parquet"
+    pq.write_table(pa.table({"msg": rows}), path)
+    source = open_source(path, None)
+    stem = "msg.joints.state" if is_nested else "msg.joints"
+    names = [f"{stem}.{kind}{j}" for kind in ("position", "effort") for j in (1, 2, 3)]
+    assert source.names == ["msg.stamp", *names]
+    (batch,) = source.batches([f"{stem}.effort3"])
+    assert batch.column(0).to_pylist() == [row + 2.0 for row in range(20)]
+
+
+@pytest.mark.parametrize(
+    "read_text",
+    [
+        lambda: find_labels(["A" * 20_000] * 12),
+        lambda: find_labels(["a: " + " " * 20_000 + "b"] * 12),
+        lambda: name_labelled_numbers("1" * 20_000 + "a"),
+        lambda: has_minus_elsewhere("1" * 20_000 + "a"),
+        lambda: find_quantities({"q1": ["1" * 20_000 + "!"]}),
+    ],
+)
+def test_long_words_and_numbers_are_read_in_a_time_that_grows_with_their_length(
+    read_text: Callable[[], object],
+) -> None:
+    assert timeit.timeit(read_text, number=1) < 1.0
+
+
 def test_messages_of_two_kinds_with_as_many_cells_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     path.write_text("".join(f"IMU,{k / 100},{k},1\n" + f"ARM,{k / 100},{k},2\n" * (k % 3) for k in range(100)))
@@ -639,6 +684,41 @@ def test_a_time_of_day_goes_on_behind_midnight(tmp_path: Path) -> None:
     assert proposal.questions == ()
 
 
+def _write_clock(path: Path, seconds: np.ndarray) -> list[pa.RecordBatch]:
+    """Write a long file with a time of day and segments, and return its rows as they are read."""
+    clock = [f"{x % 86400 // 3600:02.0f}:{x % 3600 // 60:02.0f}:{x % 60:05.2f}" for x in seconds]
+    rows = [f"{time},1,{np.sin(k):.12f},{np.cos(k):.12f}" for k, time in enumerate(clock)]
+    path.write_text("\n".join(["time,segment,q1,tau1", *rows, ""]))
+    return list(open_source(path, None).batches(["time", "segment"]))
+
+
+def test_midnight_between_two_blocks_of_a_file_with_segments_is_passed(tmp_path: Path) -> None:
+    path, steps = tmp_path / "run.csv", 0.01 * np.arange(30_000)
+    first = _write_clock(path, 3600.0 + steps)[0].num_rows
+    assert first < len(steps)
+    seconds = 86_400.0 + steps - steps[first]
+    batches = _write_clock(path, seconds)
+    assert batches[0].num_rows == first
+    t = np.concatenate([batch.column("time").to_numpy(zero_copy_only=False) for batch in batches])
+    np.testing.assert_allclose(t, seconds, atol=1e-6)
+
+
+def test_a_row_that_is_late_at_midnight_is_of_the_day_before(tmp_path: Path) -> None:
+    seconds = 86_399.0 + 0.05 * np.arange(100)
+    seconds[[19, 20]] = seconds[[20, 19]]
+    (batch,) = _write_clock(tmp_path / "run.csv", seconds)
+    np.testing.assert_allclose(batch.column("time").to_numpy(zero_copy_only=False), seconds, atol=1e-6)
+
+
+def test_runs_of_a_whole_day_that_begin_at_0_are_two(tmp_path: Path) -> None:
+    t = np.tile(10.0 * np.arange(8640), 2)
+    path = write(tmp_path / "run.parquet", {"t": t, "q1": np.sin(t), "tau1": np.cos(t)})
+    column = Column("t")
+    layout = Layout(column, None, (Column("q1"),), (Column("tau1"),))
+    rows = list(RestartingSource(open_source(path, None)).times(layout))
+    assert {int(label) for block in rows for label in block.segment} == {0, 1}
+
+
 def test_joints_are_found_where_the_words_that_all_names_begin_with_are_others() -> None:
     """A vendor's arm0.sh0 is the description's arm_sh0."""
     ends = ["sh0", "sh1", "el0", "el1", "wr0", "wr1"]
@@ -653,6 +733,23 @@ def test_joints_are_found_where_the_words_that_all_names_begin_with_are_others()
     proposal = guess(robot, columns)
     assert proposal.questions == ()
     assert [proposal.columns[f"tau{k + 1}"] for k in range(6)] == [f"state.arm0.{end}.torque" for end in ends]
+
+
+@pytest.mark.parametrize("other", ["imu_angle", "torque"])
+def test_what_is_left_of_a_joints_name_is_no_reason_to_prefer_another_devices_columns(other: str) -> None:
+    """The roll of an inertial sensor, or of a sensor of forces, is not that of the joint wrist_roll."""
+    ends = ["roll", "pitch", "yaw", "surge", "sway", "heave"]
+    given = log("ur5", 1, duration=8.0)
+    names = [f"wrist_{end}" for end in ends]
+    joints = tuple(replace(joint, name=name) for joint, name in zip(given.robot.joints, names, strict=True))
+    walk = 0.02 * np.cumsum(np.random.default_rng(1).normal(size=given.q.shape), axis=0)
+    columns = {"t": given.t}
+    for name, values in (("position", given.q), ("effort", given.tau)):
+        columns |= {f"{name}_{k}": values[:, k] for k in range(6)}
+    columns |= {f"{other}_{end}": walk[:, k] for k, end in enumerate(ends)}
+    proposal = guess(replace(given.robot, joints=joints), columns)
+    assert [proposal.columns[f"q{k + 1}"] for k in range(6)] == [f"position_{k}" for k in range(6)]
+    assert [proposal.columns[f"tau{k + 1}"] for k in range(6)] == [f"effort_{k}" for k in range(6)]
 
 
 @pytest.mark.parametrize("answered", [False, True])
@@ -712,6 +809,49 @@ def test_currents_about_the_zero_of_a_converter_are_to_be_freed_of_it() -> None:
     assert len(asked) == 1
     assert "the zero of a converter: subtract it" in asked[0]
     assert not any("converter" in question.detail for question in guess(given.robot, given.columns()).questions)
+
+
+@pytest.mark.parametrize(("unit", "rounds"), [(" [N]", True), ("", False)])
+def test_forces_that_carry_one_load_are_not_about_the_zero_of_a_converter(unit: str, rounds: bool) -> None:
+    """Axes that lift the same load need the same force; a converter counts, and states no newtons."""
+    text = '<robot name="lift"><link name="l0"/>'
+    for k, mass in enumerate((0.2, 0.2, 20.0)):
+        text += (
+            f'<link name="l{k + 1}"><inertial><mass value="{mass}"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" '
+            f'ixz="0" iyz="0"/></inertial></link><joint name="lift{k}" type="prismatic"><parent link="l{k}"/>'
+            f'<child link="l{k + 1}"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="2000" velocity="3"/>'
+            "</joint>"
+        )
+    robot = robot_from_urdf("lift", text + "</robot>")
+    t = 0.004 * np.arange(4000)
+    rates = 2.0 * np.pi * np.array([0.1, 0.17, 0.24])
+    q = 0.5 * np.sin(np.outer(t, rates) + np.arange(3))
+    force = 20.0 * (9.81 - q @ rates**2)[:, None] + 0.2 * 9.81 * np.array([2.0, 1.0, 0.0])
+    force += np.random.default_rng(0).normal(size=force.shape)
+    force = np.rint(force) if rounds else force
+    columns = {"t": t} | {f"position{k + 1} [m]": q[:, k] for k in range(3)}
+    proposal = guess(robot, columns | {f"force{k + 1}{unit}": force[:, k] for k in range(3)})
+    assert proposal.columns["tau1"] == f"force1{unit}"
+    assert not any("converter" in question.detail for question in proposal.questions)
+
+
+@pytest.mark.parametrize(
+    ("name", "signal", "unit"),
+    [
+        ("actual torque 6077h [Nm]", "tau", "N m"),
+        ("6077h motor torque [%]", "tau", "percent"),
+        ("0x6078 (A)", "current", "A"),
+        ("6077h_1", "tau", "permille"),
+        ("0x6078:00", "current", "permille"),
+        ("0x60780", None, None),
+        ("16077h5", None, None),
+    ],
+)
+def test_objects_of_drives_are_in_thousandths_where_their_names_state_no_unit(
+    name: str, signal: str | None, unit: str | None
+) -> None:
+    (column,) = read_names([name], {})
+    assert (column.signal, column.unit) == (signal, unit)
 
 
 def test_columns_of_more_joints_than_the_robot_has_are_named_by_their_signal() -> None:

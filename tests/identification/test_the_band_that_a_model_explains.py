@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.hidden_effects import WITH_OFFSET
-from support.oracles import arm, fourier_motion, pinocchio_torque, record
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
+from dynident.advice.prediction_error import evaluate_rows
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
@@ -53,6 +54,31 @@ def test_filters_of_an_arm_that_is_explained_stay_as_its_motion_asks(name):
     found = identify(robot, [learnt], [], CHOICES)
     assert not any("is flexible" in warning for warning in found.warnings)
     assert found.preprocessing.torque_cutoff > 4.0
+
+
+@pytest.mark.parametrize("noise", [2e-5, 4e-5, 8e-5, 5e-4])
+def test_the_wider_filter_of_the_acceleration_lets_in_no_noise_that_spoils_a_model(noise, monkeypatch):
+    robot = arm("ur10")
+    other = fourier_motion(robot, 15.0, 500.0, 2)
+
+    def build_torque(motion: Motion) -> np.ndarray:
+        return pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 4 * np.sign(motion.dq) + 3 * motion.dq
+
+    def find_errors() -> np.ndarray:
+        """Mean squares (n,) of the errors on another motion, over recordings with noise on encoders and torques."""
+        squares = []
+        for seed in (1, 11, 12, 13):
+            rng, motion = np.random.default_rng(seed), fourier_motion(robot, 30.0, 500.0, seed)
+            tau = build_torque(motion) + rng.normal(0, 0.2, motion.q.shape)
+            noisy = replace(motion, q=motion.q + noise * rng.normal(size=motion.q.shape))
+            found = identify(robot, [record(robot, noisy, tau)], [], CHOICES)
+            wrong = evaluate_rows(found, other.q, other.dq, other.ddq) @ found.values - build_torque(other)
+            squares.append((wrong**2).mean(axis=0))
+        return np.mean(squares, axis=0)
+
+    errors = find_errors()
+    monkeypatch.setattr(Preprocessing, "find_acceleration_cutoff", lambda *_: None)
+    assert (np.sqrt(errors / find_errors()) < 1.03).all()
 
 
 def test_filters_that_were_given_stay():

@@ -14,7 +14,7 @@ from dynident.recordings import (
     preprocessing_from_request,
     recording_from_arrays,
 )
-from dynident.recordings.preprocessing import find_motion_band
+from dynident.recordings.preprocessing import _Bands, _choose_cutoffs, find_motion_band
 from dynident.recordings.signal_spectra import estimate_spectra
 
 
@@ -37,6 +37,21 @@ def test_noise_of_the_encoder_narrows_the_filter_and_is_the_reason_given():
     assert noisy.position_cutoff < 0.7 * clean.position_cutoff
     assert "noise" in noisy.reasons[0]
     assert "noise" not in clean.reasons[0]
+
+
+def test_the_acceleration_has_a_filter_of_its_own_where_its_noise_is_small():
+    quiet, between, noisy = (choose_preprocessing([recorded(noise=noise)]) for noise in (0.0, 1e-5, 1e-3))
+    assert quiet.find_acceleration_cutoff(200.0) == 3.0 * quiet.torque_cutoff
+    assert between.position_cutoff > between.torque_cutoff
+    assert noisy.position_cutoff == noisy.torque_cutoff
+    assert between.find_acceleration_cutoff(200.0) is noisy.find_acceleration_cutoff(200.0) is None
+    # Chosen cut-offs are rounded down, so that 1.4 times the torque's may come out as less.
+    for cutoff in np.linspace(2.0, 20.0, 1000):
+        chosen = _choose_cutoffs([_Bands(cutoff / 15.0, 1e3, 0.0, 1e3, 1.0)], 500.0)
+        assert chosen.find_acceleration_cutoff(500.0) == 3.0 * chosen.torque_cutoff
+    # No further than the sampling rate allows.
+    assert Preprocessing(11.0, 7.8).find_acceleration_cutoff(40.0) == pytest.approx(14.0)
+    assert Preprocessing(14.0, 10.0).find_acceleration_cutoff(40.0) is None
 
 
 def test_the_noise_that_is_left_in_the_acceleration_is_a_few_percent():

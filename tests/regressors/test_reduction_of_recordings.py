@@ -37,7 +37,8 @@ from dynident.regressors.row_phases import RowPhases
 ROBOT = arm("scara")
 N = ROBOT.n
 RATE = 100.0
-PREPROCESSING = Preprocessing(position_cutoff=8.0, torque_cutoff=6.0, decimation=4)
+# The acceleration passes a filter of its own.
+PREPROCESSING = Preprocessing(position_cutoff=8.4, torque_cutoff=6.0, decimation=4)
 SLIP = 5e-3
 EFFECTS = (
     *(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset")),
@@ -87,13 +88,12 @@ def dense_segment(recording: Recording, number: int, preprocessing: Preprocessin
     segment = recording.segments[number]
     q, tau = stored(recording, segment)
     rate = recording.sampling_rate
-    quick = q
+    order, cutoff, raw = preprocessing.filter_order, preprocessing.position_cutoff, q
+    if cutoff is not None:
+        q = signal.sosfiltfilt(signal.butter(order, cutoff, fs=rate, output="sos"), raw, axis=0)
     wide = preprocessing.find_acceleration_cutoff(rate)
-    for cutoff in (wide, preprocessing.position_cutoff):
-        if cutoff is not None:
-            q = signal.sosfiltfilt(signal.butter(preprocessing.filter_order, cutoff, fs=rate, output="sos"), q, axis=0)
-        # Without a wider filter the acceleration passes that of the positions.
-        quick = q if cutoff == wide or wide is None else quick
+    # Without a wider filter the acceleration passes that of the positions.
+    quick = q if wide is None else signal.sosfiltfilt(signal.butter(order, wide, fs=rate, output="sos"), raw, axis=0)
     dq, ddq = np.zeros_like(q), np.zeros_like(q)
     dq[2:-2] = (8 * (q[3:-1] - q[1:-3]) - (q[4:] - q[:-4])) * rate / 12
     ddq[2:-2] = (16 * (quick[3:-1] + quick[1:-3]) - 30 * quick[2:-2] - (quick[4:] + quick[:-4])) * rate**2 / 12

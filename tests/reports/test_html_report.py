@@ -70,7 +70,7 @@ def run(seed: int):
 
 
 FIRST_RUN, SECOND_RUN, THIRD_RUN = run(1), run(2), run(3)
-CHOICES = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(10.0, 8.0, 3, reasons=("Because of <this>.",)))
+CHOICES = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(12.0, 8.0, 3, reasons=("Because of <this>.",)))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -311,7 +311,8 @@ def test_the_robot_the_filters_and_where_it_comes_from_are_told() -> None:
     for joint in ROBOT.joints:
         assert joint.name in whole_page().text["robot"]
     assert "Because of <this>." in whole_page().text["data"]
-    assert "10.0 Hz" in whole_page().text["data"]
+    for filtered, cutoff in (("position: zero-phase Butterworth", 12), ("acceleration: the same", 24), ("parallel", 8)):
+        assert re.search(rf"{filtered} filter[^:]*, cut-off\s+{cutoff}\.0+ Hz", whole_page().text["data"])
     assert "every 3rd row" in whole_page().text["data"]
     assert "2026-03-04 05:06 UTC" in whole_page().text["provenance"]
     assert "AUTO" in whole_page().text["model"]

@@ -48,7 +48,6 @@ class Reason(ViewModel):
         "impossible",
         "unstable",
         "only_at_reversals",
-        "within_sampling",
         "superfluous",
         "not_resolved",
         "harmful",

@@ -166,9 +166,6 @@ class DecisionRules:
     wrong_sign: float = _declare_level(2.0, "standard deviations",
         "Distance from zero from which on a parameter of the wrong sign counts",
         "One in forty by chance")
-    clock_delay: float = _declare_level(0.5, "sampling steps",
-        "Delay of the torque that must surely be exceeded for it to be named, where it is at most one step",
-        "Torque averaged over a sampling step is late by half of it, on any robot")
     rows_of_filter: float = _declare_level(10.0, "rows",
         "Number of filtered rows that count as one independent row",
         "Filtered rows are correlated")

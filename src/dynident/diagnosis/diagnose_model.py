@@ -8,7 +8,12 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.ambiguities import Doubt, find_dependent_findings, find_misnamed, list_doubts
+from dynident.diagnosis.ambiguities import (
+    Doubt,
+    find_dependent_findings,
+    find_misnamed,
+    list_doubts,
+)
 from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.changes_between_recordings import (
     add_friction_differences,
@@ -37,7 +42,6 @@ from dynident.diagnosis.diagnosis_summary import (
     rank_findings,
     rank_rejected,
     select_verdict,
-    take_names_back,
     word_summary,
 )
 from dynident.diagnosis.disturbances import PUSH
@@ -45,7 +49,12 @@ from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution, compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals, propose_shapes
-from dynident.diagnosis.search.candidate_outcomes import add_limits, list_outcomes, list_untried, score_beside_findings
+from dynident.diagnosis.search.candidate_outcomes import (
+    add_limits,
+    list_outcomes,
+    list_untried,
+    score_beside_findings,
+)
 from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
@@ -61,15 +70,19 @@ from dynident.diagnosis.search.forward_selection import (
     settle_findings,
 )
 from dynident.diagnosis.search.identifiability_and_invisible_effects import (
-    ClockDelay,
     compute_part_to_part_ratio,
     extend_with_findings,
-    find_clock_delays,
     find_invisible,
     list_too_large_limits,
 )
 from dynident.diagnosis.search.pruning import RefinedModel
-from dynident.diagnosis.search.search_state import Finding, ScoredFamily, SearchRecord, State, score_family
+from dynident.diagnosis.search.search_state import (
+    Finding,
+    ScoredFamily,
+    SearchRecord,
+    State,
+    score_family,
+)
 from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.effects.effect_columns import is_lasting_change
@@ -252,18 +265,17 @@ def examine(
     # Of two days, halts would have to be asked apart.
     if not baseline:
         grown, final, held = find_static_friction(grown, recordings, final, candidates, significance)
-        findings = (*findings, *held)
-        recommended = (*recommended, *(finding.judged.candidate.choice for finding in held))
+        findings, recommended = (
+            (*findings, *held),
+            (*recommended, *(finding.judged.candidate.choice for finding in held)),
+        )
         unknown = find_unknown_patterns(final) if held else unknown
-    # What the clock of the recordings makes stays in the model, but is no effect of the robot.
-    clock = find_clock_delays(grown, findings, recommended, recordings, since)
-    findings, recommended = _drop_findings(findings, recommended, [delay.number for delay in clock])
     residual = compute_residual_rms(final)
     # Who names the effects to try gets no others.
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     everything, named = (*contacts, *findings), (*pushes, *recommended)
-    ranking = _rank_candidates(search, everything, named, clock, has, only_common_limits=bool(baseline))
+    ranking = _rank_candidates(search, everything, named, has, only_common_limits=bool(baseline))
     ranked, limits = ranking.ranked, ranking.limits
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     # The contacts stand first in the ranking, and are no changes of the robot; `identify_on_both` puts the later
@@ -289,7 +301,6 @@ def examine(
     sentences = [
         *([word_changes(model.robot, changes, friction)] if changes is not None else []),
         *undisturbed.sentences,
-        *(delay.reason.text for delay in clock),
         word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model, has),
         *([UNDETERMINED] if record.is_undetermined else []),
     ]
@@ -463,23 +474,18 @@ def _rank_candidates(
     search: _Search,
     findings: Sequence[Finding],
     choices: Sequence[EffectChoice],
-    clock: Sequence[ClockDelay],
     has: Sequence[str],
     *,
     only_common_limits: bool,
 ) -> _Ranking:
-    """Score every candidate once more beside all findings and delays of the clock, and say what became of it."""
+    """Score every candidate once more beside all findings, and say what became of it."""
     first, record = search.family.scored, search.record
-    findings = (*findings, *(delay.finding for delay in clock))
-    choices = (*choices, *(delay.choice for delay in clock))
     final = score_beside_findings(search.start, record.state, findings, choices, search.family)
     outcomes, beside = list_outcomes(final, record, choices, first)
     limits = compute_detection_limits(final, choices, only_common=only_common_limits)
     outcomes = add_limits(outcomes, limits)
     ranked_findings = rank_findings(findings, choices, has)
     ranked = (*ranked_findings, *rank_rejected(outcomes, first, beside, len(ranked_findings)))
-    reasons = {delay.choice: delay.reason for delay in clock}
-    ranked, outcomes = take_names_back(ranked, outcomes, reasons)
     return _Ranking(ranked, outcomes, limits, compute_part_to_part_ratio(final.state))
 
 

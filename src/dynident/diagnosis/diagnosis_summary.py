@@ -109,33 +109,6 @@ def rank_rejected(
     )
 
 
-def take_names_back(
-    ranked: tuple[RankedEffect, ...],
-    outcomes: tuple[CandidateOutcome, ...],
-    reasons: Mapping[EffectChoice, Reason],
-) -> tuple[tuple[RankedEffect, ...], tuple[CandidateOutcome, ...]]:
-    """Return ranking and outcomes in which some effects, though they explain what they do, are no findings.
-
-    Parameters
-    ----------
-    ranked : tuple of RankedEffect
-        The ranking.
-    outcomes : tuple of CandidateOutcome
-        What became of every effect on every joint.
-    reasons : mapping of EffectChoice to Reason
-        Why the effects are none.
-    """
-    return (
-        tuple(
-            replace(row, significant=False, reason=reason, evidence=f"{row.evidence} {reason.text}")
-            if (reason := reasons.get(row.choice))
-            else row
-            for row in ranked
-        ),
-        tuple(replace(outcome, reason=reasons.get(outcome.choice, outcome.reason)) for outcome in outcomes),
-    )
-
-
 def _list_other_places(finding: Finding, choice: EffectChoice) -> tuple[str, ...]:
     """Return other joints on which the same effect gains as much by itself.
 

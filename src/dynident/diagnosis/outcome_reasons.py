@@ -20,7 +20,6 @@ ReasonCode = Literal[
     "impossible",
     "unstable",
     "only_at_reversals",
-    "within_sampling",
     "superfluous",
     "not_resolved",
     "harmful",
@@ -229,16 +228,6 @@ def _word_unstable(_step: int | None, values: Values) -> str:
     )
 
 
-def _word_within_sampling(_step: int | None, values: Values) -> str:
-    delay, sampling_step = float(values["delay"]), float(values["sampling_step"])
-    word = "after" if delay > 0.0 else "before"
-    return (
-        f"The torque comes {_number(abs(1e3 * delay))} ms {word} the positions of its row. Logging every "
-        f"{_number(1e3 * sampling_step)} ms can cause this on any robot, so it is no missing effect. Log both at the "
-        f'same instant and faster, or correct it by "torque_delay": {delay:.2g} (in s).'
-    )
-
-
 _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingProxyType(
     {
         "accepted": _word_accepted,
@@ -253,7 +242,6 @@ _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingPr
             f"It lowers the error at reversals only: where joints move by {_percent(values['share'])}; "
             f"{_percent(values['least'], 1)} is required."
         ),
-        "within_sampling": _word_within_sampling,
         "superfluous": lambda step, values: "Superfluous: with the other findings it no longer helps enough.",
         "not_resolved": lambda step, values: (
             "Its best shape constant is finer than the filtered position resolves: its name is not certain."

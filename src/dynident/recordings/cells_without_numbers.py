@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 from dynident.array_types import IntArray
 from dynident.recordings.arrow_tables import from_numbers, is_list, parse_numbers
 from dynident.recordings.file_source import FileSource, to_float_column
-from dynident.recordings.time_columns import are_times, is_time_name, parse_seconds
+from dynident.recordings.time_columns import ClockOfDay, are_times, are_times_of_day, is_time_name, parse_seconds
 
 _LONGEST = 256
 _ABOUT = Path("meta") / "info.json"
@@ -179,7 +179,7 @@ class _NamedTable:
 
 
 _QUANTITY = (
-    r"^\s{0,9}(?P<value>[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s{0,9}"
+    r"^\s{0,9}(?P<value>[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s{0,9}"
     r"(?P<unit>[A-Za-z°µμ%‰][A-Za-z°µμ%‰/*·^.²0-9]{0,9}(?: [A-Za-z]{1,4})?)\s{0,9}$"
 )
 """12.5 Nm, as some loggers write a number with its unit."""
@@ -233,6 +233,7 @@ class WordCellsSource(FileSource):
         hexadecimals: Sequence[str],
     ) -> None:
         self._source = source
+        self._of_day = [name for name in times if are_times_of_day(source.texts[name])]
         self._parsers = {
             **dict.fromkeys(times, parse_seconds),
             **dict.fromkeys(quantities, _parse_quantities),
@@ -265,9 +266,11 @@ class WordCellsSource(FileSource):
             else:
                 needed[name] = None
         first_row = 0
+        # Each pass over the file counts its midnights anew.
+        parsers = self._parsers | {name: ClockOfDay().parse for name in self._of_day}
         for batch in self._source.batches(list(needed)):
             orders: _Orders = {}
-            values = [self._column(batch, name, orders, first_row) for name in columns]
+            values = [self._column(batch, name, parsers, orders, first_row) for name in columns]
             yield pa.RecordBatch.from_arrays(values, names=columns)
             first_row += batch.num_rows
 
@@ -275,12 +278,13 @@ class WordCellsSource(FileSource):
         self,
         batch: pa.RecordBatch,
         name: str,
+        parsers: Mapping[str, Callable[[pa.Array], pa.Array]],
         orders: _Orders,
         first_row: int,
     ) -> pa.Array:
         if name not in self._places:
             column = batch.column(name)
-            return self._parsers[name](column) if name in self._parsers else column
+            return parsers[name](column) if name in parsers else column
         table, signal, joint = self._places[name]
         # All signals of a table share the order of its names, which is found once for each batch.
         if table.names not in orders:

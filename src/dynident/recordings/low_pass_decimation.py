@@ -301,8 +301,9 @@ def stream_samples(
 ) -> Iterator[Samples]:
     """Stream `values` of every block of filtered positions; of a large recording the next block is prepared ahead.
 
-    W is linear in the acceleration, so that the parallel filter takes away its noise. The filter of the positions must
-    not take away its signal before: inertias would come out too large.
+    The acceleration may pass a wider filter than the positions (`Preprocessing.find_acceleration_cutoff`), because what
+    theirs takes away of it would make inertias too large. The columns of inertias are linear in the acceleration, so
+    that the parallel filter takes its noise away again. Columns with the magnitude of a load keep a part of it.
 
     Parameters
     ----------

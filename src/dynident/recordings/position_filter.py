@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import tee
 from math import ceil, log
 from typing import NamedTuple
 
@@ -133,7 +134,9 @@ class ZeroPhase:
         """Samples at either end of a segment that its unknown surroundings spoil."""
         return ceil(-log(SETTLED) / self._decay)
 
-    def stream(self, blocks: Iterable[tuple[FloatArray, bool]]) -> Iterator[tuple[FloatArray, bool]]:
+    def stream(
+        self, blocks: Iterable[tuple[FloatArray, bool]], least_lookahead: int = 0
+    ) -> Iterator[tuple[FloatArray, bool]]:
         """Filter the blocks of one segment.
 
         Parameters
@@ -141,13 +144,15 @@ class ZeroPhase:
         blocks : iterable of (m, n) and bool
             Samples of one segment, in order, and whether they are the last ones. An empty block says that there are no
             more for now.
+        least_lookahead : int
+            Look ahead by so many samples at least. Filters that look ahead equally far give parts of equal lengths.
 
         Yields
         ------
         (k, n) and bool
             Of other lengths than the blocks, the same total; none for an empty block.
         """
-        ahead = self.lookahead
+        ahead = max(self.lookahead, least_lookahead)
         state: FloatArray | None = None
         tail = np.empty((0, 0))
         waiting: list[FloatArray] = []
@@ -335,7 +340,7 @@ def _differentiate_rows(
             filtered = zero_phase.stream(read_positions())
         else:
             wide = ZeroPhase(recording.sampling_rate, acceleration_cutoff, preprocessing.filter_order)
-            filtered = _filter_twice(wide.stream(read_positions()), zero_phase)
+            filtered = _filter_side_by_side(read_positions(), (zero_phase, wide))
 
     # Two samples are held back at each border: their right neighbours come with the next run.
     held: FloatArray | None = None
@@ -352,19 +357,15 @@ def _differentiate_rows(
             yield _Rows(own, dq, ddq, dddq, ddddq, _take_rows(passing, len(own))), last
 
 
-def _filter_twice(wide: Iterable[tuple[FloatArray, bool]], narrow: ZeroPhase) -> Iterator[tuple[FloatArray, bool]]:
-    """Yield samples (k, 2 n) of a stream behind a further filter, each beside itself before that filter."""
-    before: list[FloatArray] = []
-
-    def read_wide() -> Iterator[tuple[FloatArray, bool]]:
-        for q, last in wide:
-            before.append(q)
-            yield q, last
-
-    for q, last in narrow.stream(read_wide()):
-        waiting = np.concatenate(before)
-        before[:] = [waiting[len(q) :]]
-        yield np.hstack([q, waiting[: len(q)]]), last
+def _filter_side_by_side(
+    blocks: Iterable[tuple[FloatArray, bool]], filters: Sequence[ZeroPhase]
+) -> Iterator[tuple[FloatArray, bool]]:
+    """Yield samples of a segment behind each of two filters, side by side (k, 2 n), and whether they are the last."""
+    farthest = max(own.lookahead for own in filters)
+    copies = tee(blocks, len(filters))
+    streams = [own.stream(copy, farthest) for own, copy in zip(filters, copies, strict=True)]
+    for parts in zip(*streams, strict=True):
+        yield np.hstack([q for q, _ in parts]), parts[0][1]
 
 
 def _differentiate(

@@ -38,8 +38,9 @@ filter of the positions takes away below the torque's cut-off lacks in velocitie
 at the cut-off itself, or 6 % where theirs lies half an octave higher."""
 
 ACCELERATION = 3.0
-"""Cut-off of the acceleration over the torque's, at least. The parallel filter stops at 1.5 times its cut-off, where
-this filter takes away 0.4 %. With the filter of the positions, inertias of a virtual SCARA come out 0.4 % too large."""
+"""Cut-off of the acceleration over the torque's, unless the sampling rate allows less. The parallel filter stops at 1.5
+times its cut-off, where one of three times takes away 0.4 %. With the filter of the positions, inertias of a virtual
+SCARA come out 0.4 % too large."""
 
 NYQUIST_SHARE = 0.7
 """A cut-off nearer to the Nyquist frequency filters nothing."""
@@ -373,7 +374,8 @@ class Preprocessing:
     Parameters
     ----------
     position_cutoff : float or None
-        Cut-off of the zero-phase Butterworth filter on q in Hz; None: no filter.
+        Cut-off of the zero-phase Butterworth filter on q in Hz; None: no filter. Where it is `WIDER` times
+        `torque_cutoff`, the acceleration passes a wider one instead (`find_acceleration_cutoff`).
     torque_cutoff : float or None
         Cut-off of the parallel filter in Hz; None: no filter.
     decimation : int
@@ -397,12 +399,19 @@ class Preprocessing:
     def find_acceleration_cutoff(self, rate: float) -> float | None:
         """Return the cut-off of the acceleration's own filter, Hz; None where it passes that of the positions.
 
+        It has one of its own where the cut-off of the positions is `WIDER` times that of the torque. The automatic
+        choice stays below that where noise is more than a small share of the acceleration. A wider filter would let it
+        in.
+
         Parameters
         ----------
         rate : float
             Sampling rate in Hz.
         """
         if self.position_cutoff is None or self.torque_cutoff is None:
+            return None
+        # Chosen cut-offs are rounded down.
+        if self.position_cutoff < _round_down(WIDER * self.torque_cutoff):
             return None
         cutoff = min(ACCELERATION * self.torque_cutoff, NYQUIST_SHARE * 0.5 * rate)
         return cutoff if cutoff > self.position_cutoff else None

@@ -1,4 +1,4 @@
-"""Read time columns: text, seconds with nanoseconds, a stated rate, clocks that start again."""
+"""Read time columns: text, seconds with nanoseconds, steps of time, clocks that start again."""
 
 from __future__ import annotations
 
@@ -30,6 +30,28 @@ NEAR_MIDNIGHT = 60.0
 
 
 @dataclass
+class ClockOfDay:
+    """Reads times of day, block by block; a clock without a date begins at 0 again at midnight, where they go on."""
+
+    _days: int = 0
+    _last: float = np.nan
+
+    def parse(self, column: pa.Array) -> pa.Array:
+        """Return written times as float64: seconds since the midnight before the first."""
+        t = to_floats(parse_seconds(column)).copy()
+        timed = np.isfinite(t)
+        steps = np.nan_to_num(np.diff(t[timed], prepend=self._last))
+        if len(steps):
+            self._last = float(t[timed][-1])
+            # A row of the day before that was written behind midnight goes back by a day.
+            passed = np.abs(np.abs(steps) - _DAY) < NEAR_MIDNIGHT
+            days = self._days - np.cumsum(np.sign(steps) * passed)
+            self._days = int(days[-1])
+            t[timed] += _DAY * days
+        return from_numbers(t)
+
+
+@dataclass
 class RunLabels:
     """Numbers the runs of a file, block by block.
 
@@ -39,19 +61,11 @@ class RunLabels:
 
     restarts: list[tuple[int, float, float]] = field(default_factory=list)
     """Data row, from 1, and the times before it and in it."""
-    _days: int = 0
     _begin: float = np.nan
     _last: float = np.nan
     _step: float = 0.0
     _jump: int = -1
     """Row of the file, from 0, that was last reached by a jump forward."""
-
-    def pass_midnight(self, t: FloatArray) -> FloatArray:
-        """Return times (m,); those of a day go on behind midnight, where a clock without a date begins at 0 again."""
-        ago = np.concatenate([[self._last - _DAY * self._days], t[:-1]]) - t
-        days = self._days + np.cumsum((np.abs(ago - _DAY) < NEAR_MIDNIGHT) & (t >= 0.0) & (t < NEAR_MIDNIGHT))
-        self._days = int(days[-1])
-        return np.asarray(t + _DAY * days)
 
     def label_rows(self, first_row: int, t: FloatArray) -> IntArray:
         """Return the number of the run of each row (m,), from 0."""
@@ -128,7 +142,6 @@ class RestartingSource:
             rows = self._cut_ends(block)
             if not len(rows.t):
                 continue
-            rows = rows._replace(t=self._labels.pass_midnight(rows.t))
             labels = rows.segment if layout.segment is not None else self._labels.label_rows(rows.first_row, rows.t)
             yield rows._replace(segment=labels)
 
@@ -234,6 +247,12 @@ def are_times(cells: Sequence[str]) -> bool:
     )
 
 
+def are_times_of_day(cells: Sequence[str]) -> bool:
+    """Return whether all cells that are not empty are times of day, without a date."""
+    clocks = [re.match(_CLOCK, cell) for cell in cells if cell]
+    return bool(clocks) and all(clock is not None and not (clock["date"] or clock["days"]) for clock in clocks)
+
+
 def parse_seconds(column: pa.Array) -> pa.Array:
     """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
     if pc.any(pc.match_substring_regex(column, _TENTHS)).as_py():
@@ -313,32 +332,6 @@ def _convert_zone(text: str) -> float:
 
 
 _TIME = "t"
-
-
-class StatedRateSource(FileSource):
-    """A file whose rows are evenly spaced in time: `t` in s, from 0; it replaces a column of that name."""
-
-    def __init__(self, source: FileSource, rate: float) -> None:
-        self._source, self._rate = source, rate
-        names = [name for name in source.names if name != _TIME]
-        super().__init__([_TIME, *names], {**source.units, _TIME: "s"})
-        self.sample_rows, self.texts = source.sample_rows, source.texts
-        self.has_gaps, self.inner = source.has_gaps, source
-
-    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        needed = [name for name in columns if name != _TIME]
-        first = 0
-        # Some column has to be read even if only the time is wanted: it tells the number of rows.
-        for batch in self._source.batches(needed or self._source.names[:1]):
-            t = np.arange(first, first + batch.num_rows) / self._rate
-            values = [from_numbers(t) if name == _TIME else batch.column(name) for name in columns]
-            yield pa.RecordBatch.from_arrays(values, names=columns)
-            first += batch.num_rows
-
-
-def add_stated_time(source: FileSource, rate: float | None) -> FileSource:
-    """Return the file with the time that a stated rate in Hz gives its rows; the same object without a rate."""
-    return source if rate is None else StatedRateSource(source, rate)
 
 
 _INCREMENT = re.compile(

@@ -294,7 +294,6 @@ class Reason(TypedDict):
         "impossible",
         "unstable",
         "only_at_reversals",
-        "within_sampling",
         "superfluous",
         "not_resolved",
         "harmful",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,9 +15,8 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_p
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
 from dynident.diagnosis.outcome_reasons import Reason
-from dynident.diagnosis.search.search_state import Finding, State
-from dynident.effects import EffectChoice, build_columns, get_effect, get_role
-from dynident.effects.effect_columns import is_lasting_change
+from dynident.diagnosis.search.search_state import State
+from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import solve_weighted
 from dynident.estimation.least_squares import compute_noise_levels
@@ -240,71 +238,3 @@ def is_only_helpful_at_first(grown: Identification, choice: EffectChoice) -> boo
         for rows in (grown.data.training, grown.data.training.select_columns(others))
     )
     return not (now**2 <= (1.0 - RULES.least_drop) * without**2).any()
-
-
-@dataclass(frozen=True, eq=False)
-class ClockDelay:
-    """A delay of the torque that the recordings' own clock may have made.
-
-    Parameters
-    ----------
-    number : int
-        Its number among the findings.
-    finding : Finding
-        The finding.
-    choice : EffectChoice
-        How it was refined.
-    reason : Reason
-        How long it is, and how long a sampling step.
-    """
-
-    number: int
-    finding: Finding
-    choice: EffectChoice
-    reason: Reason
-
-
-def find_clock_delays(
-    grown: Identification,
-    findings: Sequence[Finding],
-    choices: Sequence[EffectChoice],
-    recordings: Sequence[Recording],
-    since: tuple[str, ...],
-) -> tuple[ClockDelay, ...]:
-    """Find the delays within a sampling step that are not surely longer than averaging over it makes them.
-
-    Torque that is averaged over a step, or read before the next command is sent, is late by half a step; and where a
-    command changes once a step, torque at the same point of each step is that of another time. No robot makes this.
-
-    Parameters
-    ----------
-    grown : Identification
-        The model that was identified with the findings.
-    findings, choices : sequences of equal length
-        The findings, and how they were refined.
-    recordings : sequence of Recording
-        The recordings.
-    since : tuple of str
-        Labels of the later runs, where there is a baseline: a delay that they alone have is a change.
-
-    Returns
-    -------
-    tuple of ClockDelay
-        They belong into the model, but are no effects of the robot.
-    """
-    # A slow log beside faster ones does not explain the delay of all.
-    step = min(recording.period for recording in recordings)
-    estimates = {column.key: own for column, own in zip(grown.model.kept, grown.parameters, strict=True)}
-    delays = []
-    for number, (finding, choice) in enumerate(zip(findings, choices, strict=True)):
-        if is_lasting_change(choice, since):
-            continue
-        columns = [column for column in build_columns([choice], grown.model.signals) if get_role(column) == "delay"]
-        for column in columns:
-            own = estimates[column.key]
-            sure = abs(own.value) - RULES.wrong_sign * own.standard_deviation
-            # A delay of more than a step is not the clock's, however uncertain it is.
-            if abs(own.value) <= step and sure <= RULES.clock_delay * step:
-                reason = Reason.build("within_sampling", delay=own.value, sampling_step=step)
-                delays.append(ClockDelay(number, finding, choice, reason))
-    return tuple(delays)

@@ -1,7 +1,4 @@
-"""Group a file's columns by signal, one column a joint; find joints that lack a column, and duplicates.
-
-Holds the names that makers' teach pendants have for the axes of an arm.
-"""
+"""Group a file's columns by signal, one column a joint; find joints that lack a column, and duplicates."""
 
 from __future__ import annotations
 
@@ -13,6 +10,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import (
+    PENDANTS,
     ColumnName,
     Signal,
     find_phrase,
@@ -212,12 +210,6 @@ EXPLAINED = 0.3
 _OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
 """Kinds of signals that are read by their own names."""
 
-_PENDANTS = (
-    ((("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3")), "base, …, wrist 3"),
-    *((tuple((letter,) for letter in axes), ", ".join(axes.upper())) for axes in ("slurbt", "sleurbt")),
-)
-"""What makers' pendants call the joints, and how that is shown."""
-
 
 @dataclass(frozen=True)
 class ColumnGroup:
@@ -283,6 +275,7 @@ def group_columns(
     following: list[int] = []
     by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
+    stems_of_parts: set[tuple[str, ...]] = set()
     # Where no column has a whole name, the words that all names begin with may be missing, or be others.
     is_whole = any(_match_joint_name(column.words, joint_names) for column in named)
     spoken = (*(joint_names if is_whole else strip_shared_words(joint_names)), *followers)
@@ -290,7 +283,9 @@ def group_columns(
         if index in in_ours:
             continue
         hit, reason = _match_joint_name(column.words, spoken), "the joint name"
-        if hit is None and all(links):
+        if hit is not None and not is_whole:
+            stems_of_parts.add(hit[1])
+        elif hit is None and all(links):
             hit, reason = _match_joint_name(column.words, links), "the name of the link that the joint moves"
         if hit is not None and hit[0] >= len(joint_names):
             following.append(index)
@@ -305,15 +300,23 @@ def group_columns(
     by_stem |= numbered
     reasons |= why
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
-    groups, counted = ours, list[ColumnGroup]()
+    groups, counted, shortened = ours, list[ColumnGroup](), list[ColumnGroup]()
     for stem, group in by_stem.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         built = _build_group(columns, named, reasons[stem])
-        (counted if stem in numbered else groups).append(built)
+        (counted if stem in numbered else shortened if stem in stems_of_parts else groups).append(built)
     # Another arm in the same file counts its joints alike, but has not their names. Of two that only count them nobody
     # knows which is meant.
     groups += [built for built in counted if not _is_of_other_joints(built, groups)]
+    # What is left of a name may be the axis of another device, roll or x: other columns of the same signal are meant.
+    groups += [built for built in shortened if not any(_is_same_signal(built, group) for group in groups)]
     return groups, [index for index in range(len(named)) if index not in used], following
+
+
+def _is_same_signal(built: ColumnGroup, group: ColumnGroup) -> bool:
+    """Tell whether a group measures the same signal, or another form of effort, at least as directly."""
+    alike = {built.signal, group.signal}
+    return group.rank <= built.rank and built.signal is not None and (len(alike) == 1 or alike <= {*_EFFORTS})
 
 
 def _is_of_other_joints(counted: ColumnGroup, groups: Sequence[ColumnGroup]) -> bool:
@@ -406,11 +409,9 @@ def infer_by_elimination(
 
 def _build_group(columns: tuple[int, ...], named: Sequence[ColumnName], reason: str) -> ColumnGroup:
     members = [named[index] for index in columns]
-    units = {member.unit for member in members}
     # Of a robot that turns and slides the units differ; that of the first joint tells the signal.
-    unit = units.pop() if len(units) == 1 else members[0].unit
-    signals = {member.signal for member in members}
-    signal = signals.pop() if len(signals) == 1 else None
+    unit = members[0].unit
+    signal = members[0].signal if len({member.signal for member in members}) == 1 else None
     return ColumnGroup(
         columns, signal or get_signal_of_unit(unit), unit, max(member.rank for member in members), members[0], reason
     )
@@ -483,7 +484,7 @@ def _group_by_pendant_names(
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
     groups: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
-    for pendant, shown in _PENDANTS:
+    for pendant, shown in PENDANTS:
         stems: dict[tuple[str, ...], dict[int, int]] = {}
         for index, column in enumerate(named):
             if index in used or len(pendant) != n:

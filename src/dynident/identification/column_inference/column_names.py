@@ -86,17 +86,18 @@ _MAKER_WORDS = {
     "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
     "qfrc_bias": "computed torque", "qfrc_passive": "computed torque", "qfrc_constraint": "computed torque",
     "qfrc_inverse": "computed torque", "pos_estimate": "position turns", "vel_estimate": "velocity turns s",
-    "6064h": "actual position", "606Ch": "actual velocity", "6077h": "actual torque", "6078h": "actual current",
-    "0x6064": "actual position", "0x606C": "actual velocity", "0x6077": "actual torque", "0x6078": "actual current",
     "POSJOINTCURRENT": "actual position", "POSJOINTSETPOINT": "setpoint position", "CURRENTJOINTS": "motor current",
     "qOut_": "commanded position ", "alphaOut_": "commanded velocity ", "tauOut_": "commanded torque ",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
 of Universal Robots' RTDE, whose currents as torques are without the load of gravity; of MuJoCo, whose actuators' forces
 are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; of
-mc_rtc, whose Out goes to the robot; of igus (CRI); and the objects of drives on CANopen and EtherCAT (CiA 402)."""
-_OF_RATED = re.compile(r"0x607[78]|607[78]h", re.IGNORECASE)
-"""Objects of CiA 402 in 1/1000 of the rated torque and current, whatever else the name says."""
+mc_rtc, whose Out goes to the robot; and of igus (CRI)."""
+_OBJECT = re.compile(r"(?<![^\W_])(?:0x(?:6064|606C|6077|6078)|(?:6064|606C|6077|6078)h)(?![^\W_])", re.IGNORECASE)
+_OBJECTS = {"6064": "actual position", "606c": "actual velocity", "6077": "actual torque", "6078": "actual current"}
+_OF_RATED = ("6077", "6078")
+"""Objects of drives on CANopen and EtherCAT (CiA 402): their signals, and those that are in 1/1000 of the rated torque
+and current where the name states no other unit."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (
@@ -105,6 +106,12 @@ _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     ),
 )
 """Abbreviations that only a logger's names together tell (pyFRI): words that have to be there, and what they mean."""
+
+PENDANTS = (
+    ((("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3")), "base, …, wrist 3"),
+    *((tuple((letter,) for letter in axes), ", ".join(axes.upper())) for axes in ("slurbt", "sleurbt")),
+)
+"""What makers' pendants call the joints, and how that is shown."""
 
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
 _ENDING = re.compile(
@@ -218,8 +225,9 @@ def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequ
 
 def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = ()) -> ColumnName:
     """Read a column's name; `unit` is what the file states elsewhere, `spellings` are the joints' names as words."""
-    unit = unit or ("permille" if _OF_RATED.search(name) else "")
-    # Makers' words are put into plain ones before the name is taken apart.
+    # Objects of drives and makers' words are put into plain ones before the name is taken apart.
+    is_of_rated = any(match[0].casefold().strip("0xh") in _OF_RATED for match in _OBJECT.finditer(name))
+    name = _OBJECT.sub(lambda match: _OBJECTS[match[0].casefold().strip("0xh")], name)
     for word, meaning in _MAKER_WORDS.items():
         name = name.replace(word, meaning)
     # Letters without their accents: posición is posicion.
@@ -245,6 +253,9 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     if not length or place + length < len(words):
         # The last letter of a joint's name is no unit: axis_a is not in amperes.
         words, stated = _split_unit(words, stated)
+    strange_unit = inner if stated is None and _STRANGE_UNIT.match(inner) else ""
+    if stated is None and not unit and not strange_unit and is_of_rated:
+        stated = "permille"
     everything = [word for word in words if not word.isdigit()]
     plain = [word for word in (*words[:place], *words[place + length :]) if not word.isdigit()]
     signal = _classify_signal(plain) or _classify_signal(everything)
@@ -260,7 +271,7 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
         compensated=any(word in _COMPENSATED for word in plain),
         motor=any(word in _MOTOR for word in plain),
         link=any(word in _LINK for word in plain) and not any(word == "joint" for word in everything),
-        strange_unit=inner if stated is None and _STRANGE_UNIT.match(inner) else "",
+        strange_unit=strange_unit,
     )
 
 

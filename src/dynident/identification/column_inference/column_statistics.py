@@ -428,8 +428,11 @@ does not make that so."""
 def find_converter_zero(values: FloatArray) -> float | None:
     """Return the number about which the efforts (m, n) of all joints vary; None where there is none.
 
-    A converter that measures both directions, without a sign, writes half of its range where nothing flows.
+    A converter that measures both directions, without a sign, writes half of its range where nothing flows. It counts:
+    numbers that are not whole are none of it.
     """
+    if not (np.isnan(values) | (values == np.rint(values))).all():
+        return None
     middle, spread = np.nanmedian(values, axis=0), np.nanstd(values, axis=0)
     zero = float(np.median(middle))
     is_zero = values.shape[1] >= _FEWEST_JOINTS and (middle > spread).all() and (spread > 0.0).all()

@@ -420,7 +420,7 @@ class _ColumnInference(WorkingProposal):
             torque = self.take_servo_law(self.fits, effort, q)
             self._check_against_dynamics(q, torque, effort, in_si=None not in gains)
             return kind
-        if (zero := find_converter_zero(tau)) is not None:
+        if effort.unit is None and (zero := find_converter_zero(tau)) is not None:
             zero_of = f"{self.name_columns(effort)} vary about {zero:.4g}, the zero of a converter"
             self.add_question("columns/tau", f"{zero_of}: subtract it, and write them again.")
             return "unknown"

@@ -140,8 +140,8 @@ def _list_leaves(field: pa.Field, prefix: str = "") -> list[str]:
 
 def _flatten_structs(batch: pa.RecordBatch) -> pa.RecordBatch:
     """Return the batch with the parts of structures as columns, joint_state.position; those of lists as lists."""
-    batch = split_structure_lists(batch)
-    while any(pa.types.is_struct(field.type) for field in batch.schema):
+    while any(pa.types.is_struct(field.type) or is_structure_list(field.type) for field in batch.schema):
+        batch = split_structure_lists(batch)
         names, arrays = list[str](), list[pa.Array]()
         for field, column in zip(batch.schema, batch.columns, strict=True):
             is_struct = pa.types.is_struct(field.type)

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+import pyarrow as pa
+
+from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.cells_without_numbers import read_word_cells
 from dynident.recordings.conditioning.missing_and_held import read_marked_gaps
 from dynident.recordings.file_names_and_digests import split_path
@@ -24,7 +29,7 @@ from dynident.recordings.formats.printed_records import find_printed_kind, rewri
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows
-from dynident.recordings.time_columns import add_stated_time, is_time_name, join_split_stamps, sum_increments
+from dynident.recordings.time_columns import is_time_name, join_split_stamps, sum_increments
 from dynident.text_encoding import escape_surrogates
 
 FORMATS: tuple[str, ...] = get_args(Format)
@@ -213,6 +218,35 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
         if rate is not None:
             source.own_remarks += (f"No column is a time: by the other data in the file the rate is {rate:g} Hz.",)
     return add_stated_time(source, rate)
+
+
+_TIME = "t"
+
+
+class StatedRateSource(FileSource):
+    """A file whose rows are evenly spaced in time: `t` in s, from 0; it replaces a column of that name."""
+
+    def __init__(self, source: FileSource, rate: float) -> None:
+        self._source, self._rate = source, rate
+        names = [name for name in source.names if name != _TIME]
+        super().__init__([_TIME, *names], {**source.units, _TIME: "s"})
+        self.sample_rows, self.texts = source.sample_rows, source.texts
+        self.has_gaps, self.inner = source.has_gaps, source
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed = [name for name in columns if name != _TIME]
+        first = 0
+        # Some column has to be read even if only the time is wanted: it tells the number of rows.
+        for batch in self._source.batches(needed or self._source.names[:1]):
+            t = np.arange(first, first + batch.num_rows) / self._rate
+            values = [from_numbers(t) if name == _TIME else batch.column(name) for name in columns]
+            yield pa.RecordBatch.from_arrays(values, names=columns)
+            first += batch.num_rows
+
+
+def add_stated_time(source: FileSource, rate: float | None) -> FileSource:
+    """Return the file with the time that a stated rate in Hz gives its rows; the same object without a rate."""
+    return source if rate is None else StatedRateSource(source, rate)
 
 
 def _open_source(path: Path, file_format: str | None) -> FileSource:

@@ -223,7 +223,7 @@ def join_names_on_lines(text: str) -> str:
 _OF_THOUSANDS = 3
 _CELL_BEGINS, _CELL_ENDS = r"(?m)(^|[,;\t|])[ ]*", r"[ ]*(?=[,;\t|]|\r?$)"
 _IN_BRACKETS = re.compile(rf"{_CELL_BEGINS}\(((?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)\){_CELL_ENDS}")
-_MINUS_BEHIND = re.compile(rf"{_CELL_BEGINS}((?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)-{_CELL_ENDS}")
+_MINUS_BEHIND = re.compile(rf"{_CELL_BEGINS}((?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)-{_CELL_ENDS}")
 _MINUS_BEFORE = re.compile(rf"{_CELL_BEGINS}-[.,]?\d")
 
 
@@ -305,10 +305,10 @@ def join_thousands(text: str, decimal_point: str, delimiter: str) -> str:
     return (_QUOTED_COMMAS if delimiter == "," else _COMMAS).sub(lambda number: number[1].replace(",", ""), text)
 
 
-_LABELLED = re.compile(r"(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=][ ]*[\[(]?[ ]*(?=[+-]?[.\d])")
+_LABELLED = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=][ ]*(?:[\[(][ ]*)?(?=[+-]?[.\d])")
 _BARE = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_]\w*)[ ]+(?=[+-]?[.\d])")
 """A word before numbers with a sign between, and with spaces alone."""
-_FREE_NUMBER = re.compile(r"(?<![\w.])[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
+_FREE_NUMBER = re.compile(r"(?<![\w.])[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
 
 
 def name_labelled_numbers(line: str, label: re.Pattern[str] = _LABELLED) -> tuple[str, ...]:

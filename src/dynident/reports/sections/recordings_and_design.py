@@ -13,7 +13,7 @@ from dynident.number_format import format_count, format_number
 from dynident.presentation.design_tables import build_design_tables, build_promises_table
 from dynident.presentation.recording_tables import ShownRecording, build_check_table, build_recording_table
 from dynident.presentation.tables import ReportedTable
-from dynident.recordings import Preprocessing
+from dynident.recordings import Preprocessing, Recording
 from dynident.reports.figures.design import draw_design
 from dynident.reports.reported_data import ReportedRecording, Section
 from dynident.robot import Robot
@@ -57,19 +57,23 @@ def build_data_section(identification: Identification, runs: Sequence[ReportedRe
         build_recording_table(shown),
         build_check_table("Checks that found something", doubtful) if doubtful else None,
         build_check_table(passed_title, passed) if passed else None,
-        _list_filters(preprocessing),
+        _list_filters(preprocessing, [run.recording for run in runs]),
         preprocessing.reasons,
         identification.choices.preprocessing is None,
     )
     return Section("data", "The data", "data", content)
 
 
-def _list_filters(preprocessing: Preprocessing) -> tuple[tuple[str, str], ...]:
+def _list_filters(preprocessing: Preprocessing, recordings: Sequence[Recording]) -> tuple[tuple[str, str], ...]:
     def format_cutoff(value: float | None) -> str:
         return "none" if value is None else f"{format_number(value)} Hz"
 
+    position = preprocessing.position_cutoff
+    # What the sampling rate allows may differ between recordings.
+    own = [preprocessing.find_acceleration_cutoff(recording.sampling_rate) or position for recording in recordings]
     return (
-        ("position: zero-phase Butterworth filter, cut-off", format_cutoff(preprocessing.position_cutoff)),
+        ("position: zero-phase Butterworth filter, cut-off", format_cutoff(position)),
+        ("acceleration: the same filter, cut-off", ", ".join(dict.fromkeys(map(format_cutoff, own)))),
         ("order of one pass", str(preprocessing.filter_order)),
         ("parallel filter on W and Y, cut-off", format_cutoff(preprocessing.torque_cutoff)),
         (
