@@ -1,4 +1,4 @@
-"""What does it take to name an effect on equal terms? The constants of `diagnosis/search/contest.py`.
+"""What does it take to name an effect on equal terms? The constants of `diagnosis/search/comparison_of_rivals.py`.
 
     python benchmarks/equal_terms.py [--seed 1 | --seed new] [--cases 48] [--processes 2]
 
@@ -36,11 +36,11 @@ from hiding.case import Case
 from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import diagnose, diagnose_model
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.search import comparison_of_rivals, forward_selection
+from dynident.diagnosis.search import comparison_of_rivals
 from dynident.diagnosis.search.search_state import ProductSource, State, score_all
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import identify
@@ -108,21 +108,23 @@ def contests_of(case: Case, folder: Path) -> list[Contest]:
 def listening(case: Case) -> Iterator[list[Contest]]:
     """Contests as they are fought, and once more with more rivals and starts."""
     heard: list[Contest] = []
-    fight = comparison_of_rivals.compare_names
+    name = comparison_of_rivals.name_findings
 
-    def settled(
-        rows: ProductSource, state: State, choice: comparison_of_rivals.Choice, judged: Sequence[ScoredCandidate]
-    ) -> comparison_of_rivals.Choice:
-        with (
-            patch.object(comparison_of_rivals, "RULES", replace(RULES, contends=RIVALS)),
-            patch.object(comparison_of_rivals, "_STARTS", STARTS),
-        ):
-            found = weighed(case, rows, state, choice[0], judged)
-        if found is not None:
-            heard.append(found)
-        return fight(rows, state, choice, judged)
+    def named(rows: ProductSource, state: State) -> State:
+        for finding in state.findings:
+            beside = state.drop_findings([finding])
+            rivals = comparison_of_rivals._list_rivals(state, finding, beside)
+            judged = score_all(beside, [finding.judged.candidate, *rivals])
+            with (
+                patch.object(comparison_of_rivals, "RULES", replace(RULES, contends=RIVALS)),
+                patch.object(comparison_of_rivals, "_STARTS", STARTS),
+            ):
+                found = weighed(case, rows, beside, judged[0], judged)
+            if found is not None:
+                heard.append(found)
+        return name(rows, state)
 
-    with patch.object(forward_selection, "compare_names", settled):
+    with patch.object(diagnose_model, "name_findings", named):
         yield heard
 
 

@@ -17,7 +17,7 @@ from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search import next_finding
-from dynident.diagnosis.search.acceptance_rules import find_rejection, is_shadowed, is_too_small_for_runs
+from dynident.diagnosis.search.acceptance_rules import find_rejection, is_shadowed
 from dynident.diagnosis.search.search_state import State
 from dynident.diagnosis.search.static_friction import Halts, find_halts, is_extrapolated
 from dynident.effects import CATALOGUE, EffectChoice
@@ -209,53 +209,6 @@ def counted(joints: int) -> State:
     data = SimpleNamespace(count_rows=lambda columns: np.ones((40, joints)))
     pool = SimpleNamespace(is_change=lambda candidate: False)
     return State(cast(Any, data), cast(Any, pool), (), np.ones(joints), 0.1 * np.ones(joints))
-
-
-@pytest.mark.parametrize(
-    ("rival", "name", "named"),
-    [
-        # Torque before its cause: play is its shadow. Friction that gives energy is only a bad fit of other friction.
-        ("torque_delay", "backlash", None),
-        ("stribeck", "viscous_nonlinear", "viscous_nonlinear"),
-    ],
-)
-def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch, rival, name, named):
-    gains = np.linspace(1.0, 2.0, 40)
-    larger, smaller = judged(2.0 * gains, name=rival), judged(gains, columns=(6,), name=name)
-    monkeypatch.setattr(next_finding, "find_rejection", lambda state, item: None)
-    monkeypatch.setattr(next_finding, "find_impossibility", lambda state, item: SMALL if item is larger else None)
-    # Beside the one, nothing of the other is left.
-    monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(0.0 * gains, name=rival)])
-    state = state_of(turns=False)
-    found = next_finding.select_candidate(state, [larger, smaller])
-    assert (found and found[0].candidate.effect) == named
-
-
-@pytest.mark.parametrize(("left", "named"), [(0.9, "joint_spring"), (0.1, None)])
-def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_payload_is_too_small_to_be_told(
-    monkeypatch, left, named
-):
-    gains = np.linspace(1.0, 2.0, 40)
-    spring, carried = judged(gains, columns=(6,), name="joint_spring"), judged(4.0 * gains, name="payload")
-    carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
-    monkeypatch.setattr(next_finding, "find_rejection", lambda state, item: SMALL if item is carried else None)
-    monkeypatch.setattr(next_finding, "is_too_small_for_runs", lambda state, item: item is carried)
-    monkeypatch.setattr(next_finding, "find_impossibility", lambda state, item: None)
-    monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
-    found = next_finding.select_candidate(state_of(turns=False), [carried, spring])
-    assert (found and found[0].candidate.effect) == named
-
-
-def test_what_some_runs_have_is_a_finding_from_half_of_the_error_on_and_below_it_too_small_for_one():
-    state = counted(1)
-    rows = np.ones((40, 1))
-    carried = judged(np.linspace(1.0, 2.0, 40), name="payload", p=1e-3, before=2.0 * rows, after=rows)
-    carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
-    for drop, p, told, small in ((0.6, 1e-3, True, False), (0.3, 1e-3, False, True), (0.3, 0.5, False, False)):
-        item = replace(carried, drop=drop, p=p)
-        assert (find_rejection(state, item) is None, is_too_small_for_runs(state, item)) == (told, small)
-    everywhere = replace(carried, drop=0.3, candidate=replace(carried.candidate, runs=()))
-    assert not is_too_small_for_runs(state, everywhere)
 
 
 def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chance():

@@ -45,7 +45,7 @@ def test_a_torque_over_the_position_is_told_as_that_and_the_part_is_asked_for():
     (choice,) = diagnosis.recommended
     assert (choice.effect, choice.joints) == (SPRING, (NAMES[1],))
     assert (
-        f"The model lacks: Torque over the position (gravity compensating spring?) on {NAMES[1]}." in diagnosis.summary
+        f"The model lacks: Torque over the position (gravity compensating spring?) on {NAMES[1]}" in diagnosis.summary
     )
     (question,) = diagnosis.questions
     assert question in diagnosis.summary
@@ -60,7 +60,7 @@ def test_a_part_that_is_there_is_named():
     diagnosis = diagnosed(has=True)
     assert diagnosis.recommended == diagnosed().recommended
     assert diagnosis.questions == ()
-    assert f"The model lacks: Gravity compensating spring on {NAMES[1]}." in diagnosis.summary
+    assert f"The model lacks: Gravity compensating spring on {NAMES[1]}" in diagnosis.summary
 
 
 def test_a_part_that_is_not_there_is_not_proposed():

@@ -43,15 +43,6 @@ def add_friction_differences(
     Friction is hardly ever the same on two days. Where the model has no parameters for differences too small to be
     findings, the values of the findings make up for them, and their intervals do not say so.
 
-    Parameters
-    ----------
-    grown : Identification
-        The model with all findings.
-    since : tuple of str
-        Labels of the later runs.
-    recordings : sequence of Recording
-        Both sets of recordings.
-
     Returns
     -------
     Identification
@@ -310,22 +301,7 @@ def list_changes(
 
 
 def word_changes(robot: Robot, changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
-    """Word what changed in a sentence, and how much friction may have changed without being seen.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    changes : sequence of Change
-        What differs.
-    friction : sequence of FrictionDifference
-        Differences of friction, findings or not.
-
-    Returns
-    -------
-    str
-        Text for the user.
-    """
+    """Word what changed in a sentence, and how much friction may have changed without being seen."""
     bound = _word_friction_bound({joint for change in changes for joint in change.choice.joints}, friction)
     if not changes:
         return f"These recordings show no change since the baseline.{bound}"

@@ -16,18 +16,7 @@ from dynident.robot.joint import join_joint_names
 
 
 def compute_held_out_ratio(identification: Identification) -> float:
-    """Return the error on held-out data over that of the fit, where joints move, each joint in units of its fit.
-
-    Parameters
-    ----------
-    identification : Identification
-        The model.
-
-    Returns
-    -------
-    float
-        NaN where there are no held-out data.
-    """
+    """Return the error on held-out data over that of the fit, where joints move, each joint in units of its fit."""
     held_out, fit = identification.held_out_moving, identification.fit_moving
     if held_out is None:
         return math.nan

@@ -125,10 +125,6 @@ class DecisionRules:
     own_t: float = _declare_level(2.5, "-",
         "t of the gain of a joint's own constants",
         "One in a hundred by chance", "joints_of_a_group")
-    one_by_one: float = _declare_level(1.3, "-",
-        "Gain of the joints of a group by themselves, over the gain of the group, from which on the group is "
-        "dropped",
-        "A group is one effect with common constants")
     staying_finding_t: float = _declare_level(2.5, "-",
         "t of the gain of a finding when all others are in the model",
         "One in a hundred by chance, and some twelve findings are tested")
@@ -167,9 +163,6 @@ class DecisionRules:
     harm_t: float = _declare_level(3.5, "-",
         "t of the increase of a joint's error from which on it is more than chance",
         "Some forty joints and findings are tested: by chance in one of fifty diagnoses")
-    given_back: float = _declare_level(0.1, "-",
-        "Largest share of the work that friction may return",
-        "Filters and other errors cause some of it")
     wrong_sign: float = _declare_level(2.0, "standard deviations",
         "Distance from zero from which on a parameter of the wrong sign counts",
         "One in forty by chance")

@@ -55,6 +55,7 @@ from dynident.diagnosis.search.candidate_outcomes import (
     list_untried,
     score_beside_findings,
 )
+from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import (
@@ -65,7 +66,6 @@ from dynident.diagnosis.search.finding_refinement import (
 )
 from dynident.diagnosis.search.forward_selection import (
     EarlierSearch,
-    revisit_findings,
     search_findings,
     settle_findings,
 )
@@ -245,7 +245,7 @@ def examine(
         leads, earlier = refined
         search = _search_effects(question, leads, scale_progress(progress, 0.56, 0.7), earlier)
     family, record = search.family, search.record
-    record.state = revisit_findings(record.state)
+    record.state = name_findings(record.rows, record.state)
     findings, recommended, grown, undetermined, final = _refine_findings(
         question, record, scale_progress(progress, 0.7, 0.9)
     )
@@ -301,7 +301,7 @@ def examine(
     sentences = [
         *([word_changes(model.robot, changes, friction)] if changes is not None else []),
         *undisturbed.sentences,
-        word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model),
+        word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model, has),
         *([UNDETERMINED] if record.is_undetermined else []),
     ]
     progress(1.0, "diagnosed")

@@ -85,13 +85,6 @@ def check_candidates(names: Sequence[str]) -> None:
 def check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
     """Check the effects to try, and that what is missing in a model shows in the recordings.
 
-    Parameters
-    ----------
-    candidates : sequence of str
-        Ids of effects.
-    recordings : sequence of Recording
-        All recordings of the request.
-
     Raises
     ------
     DynidentError

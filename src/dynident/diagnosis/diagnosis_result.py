@@ -16,6 +16,13 @@ Adequacy = Literal["adequate", "missing_effect", "unexplained", "cannot_tell"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
 
 
+def word_title(effect: str, question: str) -> str:
+    """Word an effect: what the data show, as long as a question is open whether the robot has such a part."""
+    own = get_effect(effect)
+    # Data never show a part of the robot: only a torque that such a part would give.
+    return f"{own.appearance} ({own.title.lower()}?)" if question else own.title
+
+
 @dataclass(frozen=True)
 class RankedEffect:
     """An effect in the ranking of a diagnosis, at its best place.
@@ -68,9 +75,7 @@ class RankedEffect:
     @property
     def title(self) -> str:
         """The effect in words: what the data show, as long as nobody has said that the robot has such a part."""
-        effect = get_effect(self.effect)
-        # Data never show a part of the robot: only a torque that such a part would give.
-        return f"{effect.appearance} ({effect.title.lower()}?)" if self.question else effect.title
+        return word_title(self.effect, self.question)
 
     @property
     def effect(self) -> str:

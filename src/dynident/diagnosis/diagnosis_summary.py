@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, RankedEffect, UnknownPattern
+from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, RankedEffect, UnknownPattern, word_title
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, describe_place
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice, get_effect
@@ -33,15 +33,7 @@ UNDETERMINED = (
 
 
 def word_question(effect: str, has: Collection[str]) -> str:
-    """Word the question whether the robot has the part that an effect is of; empty where there is nothing to ask.
-
-    Parameters
-    ----------
-    effect : str
-        Id of the effect.
-    has : collection of str
-        Parts that the robot is known to have.
-    """
+    """Word the question whether the robot has the part that an effect is of; empty where there is nothing to ask."""
     part = get_effect(effect).hardware
     if part in ("", *has):
         return ""
@@ -51,20 +43,7 @@ def word_question(effect: str, has: Collection[str]) -> str:
 def rank_findings(
     findings: Sequence[Finding], recommended: Sequence[EffectChoice], has: Collection[str] = ()
 ) -> tuple[RankedEffect, ...]:
-    """Rank the findings in the order of picking.
-
-    Parameters
-    ----------
-    findings, recommended : sequences of equal length
-        The findings, and how they are recommended.
-    has : collection of str
-        Parts that the robot is known to have.
-
-    Returns
-    -------
-    tuple of RankedEffect
-        Effects with ranks from 1 on.
-    """
+    """Rank the findings in the order of picking."""
     ranked: list[RankedEffect] = []
     for finding, choice in zip(findings, recommended, strict=True):
         # The same effect on other joints is another place, not another name.
@@ -101,17 +80,6 @@ def rank_rejected(
     """Rank the effects that are no findings by what they gain beside the findings, each at its best place.
 
     The best place is that where the effect gains most by itself: there a finding may explain it.
-
-    Parameters
-    ----------
-    outcomes : sequence of CandidateOutcome
-        What became of every effect on every joint.
-    first : sequence of ScoredCandidate
-        All candidates tried beside the model alone.
-    beside : mapping of Candidate to ScoredCandidate
-        The same beside everything that was found.
-    n_findings : int
-        Number of findings, which rank above these.
 
     Returns
     -------
@@ -211,13 +179,7 @@ def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: fl
 
 
 def compute_residual_rms(comparisons: Sequence[Comparison]) -> FloatArray:
-    """Return (n,): rms of the residual in the rows that count, N m or N.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    """
+    """Return (n,): rms of the residual in the rows that count, N m or N."""
     squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
     counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
@@ -227,13 +189,6 @@ def compute_residual_over_noise(comparisons: Sequence[Comparison], floor: FloatA
     """Return (n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is zero.
 
     In a simulation without sensor noise a residual counts against a small share of the torque instead.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    floor : (n,)
-        Noise of the sensors, N m or N.
     """
     squares = np.sum([np.where(c.moving, c.residual**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
     torque = np.sum([np.where(c.moving, c.measured**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
@@ -294,6 +249,16 @@ def group_patterns(unknown: Sequence[UnknownPattern], joint_names: Sequence[str]
     return rows
 
 
+def _list_rivals(ranked: RankedEffect) -> list[str]:
+    """List the effects that another motion would tell from a finding."""
+    return [name for name in ranked.equivalent if name not in get_effect(ranked.effect).same_function]
+
+
+def _word_rivals(ranked: RankedEffect, has: Collection[str]) -> str:
+    """Return the titles of the rivals of a finding, as they follow its place."""
+    return "".join(f", or {word_title(name, word_question(name, has))}" for name in _list_rivals(ranked))
+
+
 def word_summary(
     verdict: Adequacy,
     conclusion: Conclusion,
@@ -302,6 +267,7 @@ def word_summary(
     residual: FloatArray,
     floor: FloatArray,
     model: Model,
+    has: Collection[str] = (),
 ) -> str:
     """Word the verdict in a few sentences.
 
@@ -321,18 +287,23 @@ def word_summary(
         Noise of the sensors, N m or N.
     model : Model
         The model in which something is missing.
+    has : collection of str
+        Parts that the robot is known to have.
     """
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         # An effect that was found joint by joint is told once.
-        places: dict[str, list[str]] = {}
+        places: dict[tuple[str, str], list[str]] = {}
         for ranked_effect in significant:
-            places.setdefault(ranked_effect.title, []).extend(ranked_effect.joints)
+            places.setdefault((ranked_effect.title, _word_rivals(ranked_effect, has)), []).extend(ranked_effect.joints)
         names = "; ".join(
-            f"{title} on {join_joint_names(list(dict.fromkeys(joints)), model.robot.joint_names) or 'the whole robot'}"
-            for title, joints in places.items()
+            f"{title} on "
+            f"{join_joint_names(list(dict.fromkeys(joints)), model.robot.joint_names) or 'the whole robot'}{rivals}"
+            for (title, rivals), joints in places.items()
         )
-        questions = dict.fromkeys(ranked_effect.question for ranked_effect in significant if ranked_effect.question)
+        rivals = (word_question(name, has) for ranked_effect in significant for name in _list_rivals(ranked_effect))
+        own = (ranked_effect.question for ranked_effect in significant)
+        questions = filter(None, dict.fromkeys((*own, *rivals)))
         text = " ".join((f"The model lacks: {names}.", *questions))
     elif verdict == "unexplained" and conclusion.code != "cannot_tell":
         text = "No effect of the catalogue explains the remaining residual."

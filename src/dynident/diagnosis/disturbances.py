@@ -140,20 +140,7 @@ class UndisturbedData:
 
 
 def leave_out_disturbances(identification: Identification, recordings: Sequence[Recording]) -> UndisturbedData:
-    """Find the spans of time that stand out, try a push on each, and leave them out.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    recordings : sequence of Recording
-        Recordings that the model is diagnosed from.
-
-    Returns
-    -------
-    UndisturbedData
-        What was given where nothing stands out.
-    """
+    """Find the spans of time that stand out, try a push on each, and leave them out."""
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
     parts = [

@@ -114,20 +114,6 @@ def find_outcome(outcomes: tuple[CandidateOutcome, ...], effect: str, joint: str
     """Return the outcome of an effect on a joint; without a joint that of its best place.
 
     A group of joints answers for each of its joints, and an effect of the whole robot for all.
-
-    Parameters
-    ----------
-    outcomes : tuple of CandidateOutcome
-        The outcomes of a diagnosis.
-    effect : str
-        Id of the effect.
-    joint : str
-        Name of the joint; empty for any.
-
-    Returns
-    -------
-    CandidateOutcome, optional
-        None where the effect was not tried there.
     """
     own = [outcome for outcome in outcomes if outcome.choice.effect == effect]
     here = [outcome for outcome in own if not joint or not outcome.choice.joints or joint in outcome.choice.joints]

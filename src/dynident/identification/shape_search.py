@@ -224,7 +224,7 @@ def refine_shapes(
     return settle_shapes(model, refined, inputs, kept=fixed)
 
 
-def list_between(choice: EffectChoice) -> list[EffectChoice]:
+def list_between(choice: EffectChoice, width: float = 1.0) -> list[EffectChoice]:
     """Return a choice, and the same with shape constants between those of the coarse grid, all of them together.
 
     The choice alone where its effect has no constants that are searched for.
@@ -233,13 +233,15 @@ def list_between(choice: EffectChoice) -> list[EffectChoice]:
     ----------
     choice : EffectChoice
         The effect with its shape constants.
+    width : float
+        How far they go, over half the distance between values of the grid.
     """
     specs = _list_refinable(choice, ())
     steps = _BETWEEN if len(specs) < 2 else _BETWEEN_OF_SEVERAL
     variants = [choice]
     for spec in specs:
         value = choice.shape_values[spec.name]
-        moved = [_move_value(spec, value, step) for step in steps]
+        moved = [_move_value(spec, value, width * step) for step in steps]
         least = -np.inf if spec.signed else min(spec.least, value)
         allowed = [item for item in moved if spec.admits(item) and item >= least]
         variants = [_replace_shape_value(variant, spec.name, item) for variant in variants for item in allowed]

@@ -7,14 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
-import numpy as np
-
-from dynident.array_types import BoolArray
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
-from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect
 from dynident.effects.effect_columns import is_lasting_change, list_possible_joints
 from dynident.effects.effect_signals import Signals
 from dynident.regressors.model_structure import Model
@@ -100,16 +96,6 @@ class Pool:
         numbers = (index[column.key] for column in build_columns([choice], signals) if column.key in index)
         columns = tuple(k for k in numbers if k >= self.n_base)
         return Candidate(choice.effect, choice.joints, choice.shape, columns, choice.runs)
-
-    @cached_property
-    def is_friction(self) -> BoolArray:
-        """Which columns are those of friction (columns,)."""
-        return np.array([get_effect(column.effect).is_friction for column in self.observation.columns])
-
-    @cached_property
-    def is_dry(self) -> BoolArray:
-        """Which columns are those of Coulomb friction (columns,)."""
-        return np.array([get_role(column) == "dry" for column in self.observation.columns])
 
     def find_candidate(self, choice: EffectChoice) -> Candidate | None:
         """Return the candidate of a choice; None where all its columns are the model's, or zero."""
@@ -235,17 +221,7 @@ def build_pool_of_choices(
 
 
 def select_columns_on(pool: Pool, candidate: Candidate, joint: str) -> tuple[int, ...]:
-    """Return the columns of a candidate that are of one joint.
-
-    Parameters
-    ----------
-    pool : Pool
-        Model and candidates.
-    candidate : Candidate
-        The candidate.
-    joint : str
-        Name of the joint.
-    """
+    """Return the columns of a candidate that are of one joint."""
     return tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
 
 
@@ -333,17 +309,7 @@ def _list_robot_choices(effect: Effect, model: Model, leads: ShapeProposals) -> 
 
 
 def is_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """Return whether a choice's shape constants are large enough to be seen in the data.
-
-    Parameters
-    ----------
-    choice : EffectChoice
-        The effect with its joints and shape constants.
-    robot : Robot
-        The robot, as its description gives it.
-    resolved : Resolution
-        What the data can resolve.
-    """
+    """Return whether a choice's shape constants are large enough to be seen in the data."""
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = CATALOGUE[choice.effect].shapes
     return all(resolved.is_resolved(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
@@ -354,15 +320,6 @@ def is_width_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) 
 
     A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
     peak narrower than the limit is nothing that was seen. A refined constant may be half a step of the grid below.
-
-    Parameters
-    ----------
-    choice : EffectChoice
-        The effect with its joints and shape constants.
-    robot : Robot
-        The robot, as its description gives it.
-    resolved : Resolution
-        What the data can resolve.
     """
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
@@ -371,17 +328,7 @@ def is_width_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) 
 
 
 def is_sharper_than_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """Return whether a choice's slip distance is at the limit of resolution: how it slips within is not seen.
-
-    Parameters
-    ----------
-    choice : EffectChoice
-        The effect with its joints and shape constants.
-    robot : Robot
-        The robot, as its description gives it.
-    resolved : Resolution
-        What the data can resolve.
-    """
+    """Return whether a choice's slip distance is at the limit of resolution: how it slips within is not seen."""
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     slips = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by == "displacement"]
     values = [choice.shape_values.get(spec.name, spec.default) for spec in slips]
@@ -425,19 +372,7 @@ def _list_groups(effect: Effect, model: Model, free: list[int]) -> list[EffectCh
 
 
 def explain_absence(effect: Effect, joint: str, model: Model, leads: ShapeProposals) -> str:
-    """Return why an effect is no candidate on a joint, in words; the joint is empty for one of the whole robot.
-
-    Parameters
-    ----------
-    effect : Effect
-        The effect.
-    joint : str
-        Name of the joint.
-    model : Model
-        The model in which something may be missing.
-    leads : ShapeProposals
-        What recordings and residual suggest.
-    """
+    """Return why an effect is no candidate on a joint, in words; the joint is empty for one of the whole robot."""
     if _is_in_model(effect, model, joint):
         return "the model contains it"
     names = model.robot.tree.joint_names

@@ -48,20 +48,7 @@ def list_extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
 
 
 def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
-    """Split the candidates by their number of columns into portions of limited size.
-
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-        The candidates.
-    extra : (c,)
-        All columns of the candidates, ascending.
-
-    Returns
-    -------
-    tuple of Batch
-        The portions.
-    """
+    """Split the candidates by their number of columns into portions of limited size."""
     portions: list[Batch] = []
     for width in sorted({len(candidate.columns) for candidate in candidates}):
         members = np.array([i for i, c in enumerate(candidates) if len(c.columns) == width], dtype=np.intp)
@@ -73,15 +60,7 @@ def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[B
 
 
 def split_by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
-    """Split values of all portions in a row into one array (g, k, k) a portion.
-
-    Parameters
-    ----------
-    values : (products,)
-        Values of all portions in a row.
-    portions : sequence of Batch
-        The candidates, by number of columns.
-    """
+    """Split values of all portions in a row into one array (g, k, k) a portion."""
     sizes = [portion.columns.size * portion.width for portion in portions]
     parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
     return tuple(part.reshape(-1, portion.width, portion.width) for part, portion in zip(parts, portions, strict=True))
@@ -158,17 +137,7 @@ class OwnColumns:
 
     @classmethod
     def from_places(cls, place: IndexArray, count: int, portions: Sequence[Batch]) -> OwnColumns:
-        """Find them for one joint.
-
-        Parameters
-        ----------
-        place : (c,)
-            Where each column of the candidates stands among those of the joint, at the end where the joint lacks it.
-        count : int
-            Number of columns that the joint has.
-        portions : sequence of Batch
-            The candidates, by number of columns.
-        """
+        """Find them for one joint."""
         columns, ends = _list_entries(portions)
         amplitudes = np.flatnonzero(place[columns] < count)
         owner = np.searchsorted(ends, amplitudes, side="right") - 1

@@ -53,19 +53,7 @@ class Score:
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
-    """Return the squared error (s, n) of the model alone in every block, fitted without the fold of the block.
-
-    Parameters
-    ----------
-    data : Products
-        Products of all columns.
-    base : (b,)
-        Columns of the model.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
-    kind : str
-        Kind of folds, see `split_data_folds`.
-    """
+    """Return the squared error (s, n) of the model alone in every block, fitted without the fold of the block."""
     return score_candidates(data, base, (), noise, kind)[0]
 
 
@@ -73,19 +61,6 @@ def score_candidates(
     data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray, kind: str
 ) -> tuple[FloatArray, list[Score]]:
     """Score every candidate beside a model.
-
-    Parameters
-    ----------
-    noise : (n,)
-        Standard deviation of every joint's residual, the weight of its rows.
-    kind : {"interleaved", "contiguous", "runs", "parts"}
-        Kind of folds, see `split_data_folds`.
-    data : Products
-        Products of all columns.
-    base : (b,)
-        Columns of the model.
-    candidates : sequence of Candidate
-        Candidates to score.
 
     Returns
     -------
@@ -105,21 +80,6 @@ def score_blocks(
     kind: str,
 ) -> tuple[FloatArray, list[Score]]:
     """Return the same as `score_candidates`, from blocks and their sums that are at hand.
-
-    Parameters
-    ----------
-    data : Products
-        Products of all columns.
-    blocks : JointBlocks
-        What the scores take of them.
-    total : ProductSums
-        Sums of `blocks` over all blocks of time.
-    candidates : sequence of Candidate
-        Candidates to score.
-    noise : (n,)
-        Standard deviation of every joint's residual, the weight of its rows.
-    kind : str
-        Kind of folds, see `split_data_folds`.
 
     Returns
     -------
@@ -162,17 +122,6 @@ def compute_contributions(
     That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
     left of the columns beside it. Their sum over the blocks is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
-
-    Parameters
-    ----------
-    data : Products
-        Products of all columns.
-    base : (b,)
-        Columns of the model.
-    candidates : sequence of Candidate
-        The candidates.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
     """
     blocks = JointBlocks.from_products(data, base, candidates)
     return compute_block_contributions(blocks, blocks.sum_products(noise), len(candidates), noise)
@@ -181,19 +130,7 @@ def compute_contributions(
 def compute_block_contributions(
     blocks: JointBlocks, total: ProductSums, count: int, noise: FloatArray
 ) -> list[FloatArray]:
-    """Return the same as `compute_contributions` for `count` candidates, from blocks and their sums.
-
-    Parameters
-    ----------
-    blocks : JointBlocks
-        What the scores take of the products.
-    total : ProductSums
-        Sums of `blocks` over all blocks of time.
-    count : int
-        Number of candidates.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
-    """
+    """Return the same as `compute_contributions` for `count` candidates, from blocks and their sums."""
     fit = FoldFit(total, blocks.portions)
     sums = np.zeros((blocks.n_blocks, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
@@ -212,15 +149,6 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
 
     From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
-
-    Parameters
-    ----------
-    blocks : JointBlocks
-        What the scores take of the products.
-    count : int
-        Number of candidates.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
     """
     total = blocks.sum_products(noise)
     scores = compute_block_contributions(blocks, total, count, noise)
@@ -246,17 +174,6 @@ def compute_fitted_errors(
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Return the squared errors of the model and of the model with a candidate, both fitted to all blocks.
 
-    Parameters
-    ----------
-    data : Products
-        Products of all columns.
-    base : (b,)
-        Columns of the model.
-    candidate : Candidate
-        The candidate.
-    noise : (n,)
-        Standard deviation of the noise of each joint, N m or N.
-
     Returns
     -------
     tuple of (s, n), (s, n), float, (k,)
@@ -274,13 +191,6 @@ def compute_fitted_errors(
 
 def compute_block_products(block: JointBlock, fit: FoldFit) -> tuple[FloatArray, ...]:
     """Return ZᵀZ of every candidate on one joint, block by block; Z = X - W P is what the model leaves of its columns.
-
-    Parameters
-    ----------
-    block : JointBlock
-        Rows or products of the joint.
-    fit : FoldFit
-        The model, fitted to all blocks.
 
     Returns
     -------

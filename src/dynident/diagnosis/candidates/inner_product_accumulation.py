@@ -59,15 +59,7 @@ class BlockNumbering:
         self._begun: dict[tuple[int, int], int] = {}
 
     def begin_run(self, label: str, periods: Sequence[Repeat]) -> None:
-        """Begin a run: the rows that follow are of it, and blocks end with it.
-
-        Parameters
-        ----------
-        label : str
-            Name of the run.
-        periods : sequence of Repeat
-            Where the run repeats itself.
-        """
+        """Begin a run: the rows that follow are of it, and blocks end with it."""
         self._run, self._periods = label, periods
         # The places of a period are those of one run: the next run may have another motion.
         self._begun = {}
@@ -132,17 +124,7 @@ class RowAccumulator:
         self._capacities = [max(_MOST_ROWS, is_large * (width + 1)) * expected for width in widths]
 
     def push(self, row_block: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
-        """Add rows of every joint.
-
-        Parameters
-        ----------
-        row_block : (m,)
-            Number of the block of each row.
-        rows : sequence of (m, p + 1)
-            [W | Y] of each joint.
-        used : sequence of (m, n)
-            Which rows count, for each kind.
-        """
+        """Add rows of every joint."""
         for j, (kinds, block) in enumerate(zip(self._joints, rows, strict=True)):
             for heap, mask in zip(kinds, used, strict=True):
                 own = mask[:, j]

@@ -71,21 +71,7 @@ class ProductBlock:
     def from_products(
         cls, data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
     ) -> ProductBlock:
-        """Take what is needed out of a joint's products.
-
-        Parameters
-        ----------
-        data : Products
-            Products of all columns.
-        joint : int
-            Index of the joint.
-        base : (b,)
-            Columns of the model.
-        extra : (c,)
-            Columns of the candidates.
-        portions : sequence of Batch
-            The candidates, by number of columns.
-        """
+        """Take what is needed out of a joint's products."""
         where = data.position[joint]
         have, wp = find_present(where, base)
         place, xp = locate_columns(where, extra)
@@ -229,21 +215,7 @@ class RowBlock:
         portions: Sequence[Batch],
         n_blocks: int,
     ) -> RowBlock:
-        """Find what is needed of a joint's rows.
-
-        Parameters
-        ----------
-        stacks : sequence of RowStack
-            The rows of the joint, by kind.
-        where : (columns,)
-            Where every column stands in them.
-        columns : tuple of (b,), (c,)
-            Columns of the model, and of the candidates.
-        portions : sequence of Batch
-            The candidates, by number of columns.
-        n_blocks : int
-            Number of blocks.
-        """
+        """Take what is needed out of a joint's rows."""
         base, extra = columns
         have, wp = find_present(where, base)
         place, xp = locate_columns(where, extra)
@@ -425,17 +397,7 @@ class JointBlocks:
 
     @classmethod
     def from_products(cls, data: Products, base: IndexArray, candidates: Sequence[Candidate]) -> JointBlocks:
-        """Take what is needed to score candidates beside a model.
-
-        Parameters
-        ----------
-        data : Products
-            Products of all columns.
-        base : (b,)
-            Columns of the model.
-        candidates : sequence of Candidate
-            The candidates to score.
-        """
+        """Take what is needed to score candidates beside a model."""
         extra = list_extra_columns(candidates)
         portions = split_batches(candidates, extra)
         joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))

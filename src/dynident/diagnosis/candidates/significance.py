@@ -146,13 +146,6 @@ def standardise_size(squares: FloatArray, spread: FloatArray) -> FloatArray:
 
     They are about the squares of so many normal variables as agree with their first two moments (Satterthwaite 1946);
     the cube root of that is about normal (Wilson and Hilferty 1931).
-
-    Parameters
-    ----------
-    squares : (…, g)
-        Squared sums.
-    spread : (g, k, k)
-        Products of the scores, summed over the blocks.
     """
     mean = np.einsum("gkk->g", spread)
     # Candidates for which only their gains may speak have scores of zero.
@@ -267,11 +260,6 @@ class ScoredCandidate:
         """Return whether the improvement is large enough to matter, and no chance among all that was tried.
 
         By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
-
-        Parameters
-        ----------
-        level : float
-            Largest p-value.
         """
         matters = self.drop >= RULES.least_drop and self.error_drop >= RULES.least_error_drop
         return matters and self.p <= level and self.t >= compute_least_t(len(self.gains), level)

@@ -44,22 +44,7 @@ class Stack(Protocol):
 
 
 def sum_by_block(values: FloatArray, row_block: IndexArray, n_blocks: int) -> FloatArray:
-    """Sum values over the rows of every block.
-
-    Parameters
-    ----------
-    values : (…, m)
-        Values by row.
-    row_block : (m,)
-        Number of the block of each row, ascending.
-    n_blocks : int
-        Number of blocks.
-
-    Returns
-    -------
-    (…, s)
-        Sums; zero for a block without rows.
-    """
+    """Sum values over the rows of every block."""
     sums = np.zeros((*values.shape[:-1], n_blocks))
     if len(row_block):
         # `reduceat` sums from one start to the next, so that only blocks with rows may be among the starts.
@@ -128,13 +113,7 @@ class RowStack:
         return np.searchsorted(self.row_block, np.arange(self.n_blocks + 1))
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) at these places, whose shapes are broadcast.
-
-        Parameters
-        ----------
-        rows, columns : arrays of int
-            Places of the two factors of each product, which broadcast.
-        """
+        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
         first, second = np.broadcast_arrays(rows, columns)
         each = self.columns[first.ravel()] * self.columns[second.ravel()]
         return sum_by_block(each, self.row_block, self.n_blocks).T.reshape(self.n_blocks, *first.shape)
@@ -165,13 +144,7 @@ class ProductStack:
         return float(self.values[:, -1, -1].sum())
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) at these places, whose shapes are broadcast.
-
-        Parameters
-        ----------
-        rows, columns : arrays of int
-            Places of the two factors of each product, which broadcast.
-        """
+        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
         wide = self.values.shape[1]
         places = rows * wide + columns
         # One flat index instead of three: four times as fast.
@@ -218,29 +191,13 @@ class Products:
         return len(self.stacks)
 
     def sum_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (k, l) of a joint over all blocks, at some of its places.
-
-        Parameters
-        ----------
-        joint : int
-            Index of the joint.
-        rows, columns : (k,), (l,)
-            Places among the products of the joint.
-        """
+        """Return the products (k, l) of a joint over all blocks, at some of its places."""
         where = np.ix_(rows, columns)
         first, *others = self.stacks[joint]
         return sum((stack.total[where] for stack in others), first.total[where])
 
     def find_cached(self, key: Hashable, build: Callable[[], T]) -> T:
-        """Return what was built from these products under this key, or build it.
-
-        Parameters
-        ----------
-        key : hashable
-            Says what it is.
-        build : callable
-            Builds it.
-        """
+        """Return what was built from these products under this key, or build it."""
         if key not in self._cache:
             self._cache[key] = build()
         value: T = self._cache[key]
@@ -251,15 +208,7 @@ class Products:
         return {}
 
     def take_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) of a joint at these places, whose shapes are broadcast.
-
-        Parameters
-        ----------
-        joint : int
-            Index of the joint.
-        rows, columns : arrays of int
-            Places of the two factors of each product, which broadcast.
-        """
+        """Return the products (s, *shape) of a joint at these places, whose shapes are broadcast."""
         first, *others = (stack.take_products(rows, columns) for stack in self.stacks[joint])
         for other in others:
             first += other
@@ -306,13 +255,6 @@ def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
 
     A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
     left out as a whole, and the model of most joints unknown without it. Runs too short for that count as one.
-
-    Parameters
-    ----------
-    data : Products
-        Products of all columns.
-    kind : {"runs", "parts", "interleaved", "contiguous"}
-        Kind of folds.
     """
     each = [np.flatnonzero(data.run == run) for run in np.unique(data.run)]
     if kind == "runs":
@@ -329,15 +271,7 @@ def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
 
 
 def can_leave_out_runs(data: Products, base: IndexArray) -> bool:
-    """Return whether there are several runs, and the columns of a model are known without any one of them.
-
-    Parameters
-    ----------
-    data : Products
-        Products of all columns.
-    base : (b,)
-        Columns of the model.
-    """
+    """Return whether there are several runs, and the columns of a model are known without any one of them."""
     runs = split_data_folds(data, "runs")
     return len(runs) > 1 and not any(_holds_nearly_all(data, base, run) for run in runs)
 
@@ -364,13 +298,6 @@ def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> boo
 def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Return where columns stand among those that a joint has.
 
-    Parameters
-    ----------
-    where : (all columns,)
-        Place of each column in the products of the joint, -1 where the joint lacks it.
-    columns : (c,)
-        Columns to locate.
-
     Returns
     -------
     tuple of (c,), (x,)
@@ -383,15 +310,7 @@ def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, 
 
 
 def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return which of `columns` (c,) a joint has, and where in its products they stand.
-
-    Parameters
-    ----------
-    where : (all columns,)
-        Place of each column in the products of the joint, -1 where the joint lacks it.
-    columns : (c,)
-        Columns to look for.
-    """
+    """Return which of `columns` (c,) a joint has, and where in its products they stand."""
     # An empty list of columns makes an array of floats, which is no index.
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
     have = np.flatnonzero(places >= 0)

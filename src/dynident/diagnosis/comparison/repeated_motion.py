@@ -104,20 +104,7 @@ class Repeat:
 
 
 def split_uniform_intervals(t: FloatArray, segment: FloatArray) -> list[tuple[int, int]]:
-    """Cut rows where a segment ends or time jumps.
-
-    Parameters
-    ----------
-    t : (m,)
-        Times, s.
-    segment : (m,)
-        Numbers of the segments.
-
-    Returns
-    -------
-    list of tuple of (int, int)
-        First row and end of every interval.
-    """
+    """Cut rows where a segment ends or time jumps."""
     if len(t) < 2:
         return [(0, len(t))] if len(t) else []
     usual = float(np.median(np.diff(t)))
@@ -127,22 +114,7 @@ def split_uniform_intervals(t: FloatArray, segment: FloatArray) -> list[tuple[in
 
 
 def split_tracks(t: FloatArray, segment: FloatArray, q: FloatArray) -> tuple[Track, ...]:
-    """Cut rows into tracks; those that are too short are left out.
-
-    Parameters
-    ----------
-    t : (m,)
-        Times, s.
-    segment : (m,)
-        Numbers of the segments.
-    q : (m, n)
-        Positions, rad or m.
-
-    Returns
-    -------
-    tuple of Track
-        The tracks.
-    """
+    """Cut rows into tracks; those that are too short are left out."""
     return tuple(
         Track(t[first:end], q[first:end], first)
         for first, end in split_uniform_intervals(t, segment)
@@ -177,18 +149,7 @@ def _load_tracks_by_segment(recording: Recording) -> list[list[Track]]:
 
 
 def find_own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
-    """Find where a motion repeats itself: each interval with its next repetition.
-
-    Parameters
-    ----------
-    own : sequence of Track
-        Tracks of one motion.
-
-    Returns
-    -------
-    tuple of Repeat
-        Empty where nothing comes twice.
-    """
+    """Find where a motion repeats itself: each interval with its next repetition."""
     if not own:
         return ()
     own = own[:_MOST_RUNS]
@@ -208,11 +169,6 @@ def find_own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
 def find_common_repeats(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Repeat, ...]:
     """Find intervals of a motion that another motion has as well, at the lag at which most of it is alike.
 
-    Parameters
-    ----------
-    tried, learnt : sequence of Track
-        Tracks of the motion in question, and of the one that it may repeat.
-
     Returns
     -------
     tuple of Repeat
@@ -230,18 +186,7 @@ def find_common_repeats(tried: Sequence[Track], learnt: Sequence[Track]) -> tupl
 
 
 def compute_repeated_share(tried: Sequence[Track], learnt: Sequence[Track]) -> float:
-    """Return the share of a motion's moving time (0 to 1) that repeats another motion.
-
-    Parameters
-    ----------
-    tried, learnt : sequence of Track
-        Tracks of the motion in question, and of the one that it may repeat.
-
-    Returns
-    -------
-    float
-        Share from 0 to 1.
-    """
+    """Return the share of a motion's moving time (0 to 1) that repeats another motion."""
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
         return 0.0
     tolerance = _compute_tolerance(learnt)

@@ -88,18 +88,6 @@ def correlate_intervals(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
     """Return the autocorrelation of intervals at lags of 0, 1, … samples.
 
     Of the two usual divisors the one that keeps it positive semidefinite: the number of samples, not of products.
-
-    Parameters
-    ----------
-    parts : sequence of (m_i,)
-        Intervals without gaps, which have a common mean.
-    n_lags : int
-        Number of lags.
-
-    Returns
-    -------
-    (n_lags,)
-        Values at each lag, 1 at lag 0.
     """
     mean = float(np.concatenate(parts).mean()) if parts else 0.0
     sums = np.zeros(n_lags)

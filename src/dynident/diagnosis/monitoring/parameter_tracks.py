@@ -86,13 +86,7 @@ class StepProductStack(ProductStack):
         return np.asarray(later[both, self._places[:, None], self._places])
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) at these places, whose shapes are broadcast.
-
-        Parameters
-        ----------
-        rows, columns : arrays of int
-            Places of the two factors of each product, which broadcast.
-        """
+        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
         products = super().take_products(self._places[rows], self._places[columns])
         both = np.maximum(self._since[rows], self._since[columns])
         day = self._day.reshape(-1, *([1] * both.ndim))
@@ -103,13 +97,6 @@ def build_step_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple
     """Build candidates for all changes from any day but the first, and say what each of their columns is.
 
     The pool's W says which columns there are and on which joints they act; it is never evaluated.
-
-    Parameters
-    ----------
-    measure : Measure
-        Columns of the days, and what may change.
-    names : sequence of str
-        Names of the days.
 
     Returns
     -------
@@ -152,13 +139,6 @@ def _build_candidate(
 def gather_step_products(days: Sequence[Day], columns: Sequence[StepColumn]) -> PhasedProducts:
     """Compute inner products of the days' columns, with later ones zero before their day; the runs are the days.
 
-    Parameters
-    ----------
-    days : sequence of Day
-        Days in their order.
-    columns : sequence of StepColumn
-        Columns of the pool.
-
     Returns
     -------
     PhasedProducts
@@ -188,15 +168,6 @@ def gather_step_products(days: Sequence[Day], columns: Sequence[StepColumn]) -> 
 
 def combine_days(days: Sequence[Day], columns: Sequence[StepColumn], which: Sequence[int] | None = None) -> Reduction:
     """Return the reduced rows of some of the days.
-
-    Parameters
-    ----------
-    days : sequence of Day
-        Days in their order.
-    columns : sequence of StepColumn
-        Columns that the rows are to have.
-    which : sequence of int or None
-        Numbers of the days; all where left out.
 
     Returns
     -------
@@ -308,13 +279,6 @@ def widen_intervals(changes: Sequence[SeriesChange], courses: Sequence[Parameter
 
     A change is the mean of the days from it to the next one minus that of the days before it back to the last one. The
     pooled spread of the days about such means says how far it may be off (Student's t).
-
-    Parameters
-    ----------
-    changes : sequence of SeriesChange
-        The changes, with intervals from the rows alone.
-    courses : sequence of ParameterTrack
-        Every parameter day by day.
 
     Returns
     -------

@@ -76,18 +76,6 @@ def days_to_bytes(measure: Measure, days: Sequence[Day]) -> bytes:
 def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
     """Read stored days.
 
-    Parameters
-    ----------
-    measure : Measure
-        Columns that the days were reduced to.
-    content : bytes
-        Content of the file.
-
-    Returns
-    -------
-    tuple of Day
-        Days in their order.
-
     Raises
     ------
     DynidentError

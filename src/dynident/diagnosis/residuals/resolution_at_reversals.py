@@ -58,19 +58,7 @@ class Resolution:
     fastest: FloatArray
 
     def is_resolved(self, spec: ShapeSpec, value: float, joints: Sequence[int], within: float = 1.0) -> bool:
-        """Return whether a shape constant is large enough to be seen on some joints.
-
-        Parameters
-        ----------
-        spec : ShapeSpec
-            The shape constant.
-        value : float
-            Its value.
-        joints : sequence of int
-            Indices of the joints.
-        within : float
-            Factor to within which the value is known.
-        """
+        """Return whether a shape constant is large enough to be seen on some joints."""
         if spec.resolved_by is None or not len(joints):
             return True
         limit = {"displacement": self.displacement, "travel": self.travel, "speed": self.speed}[spec.resolved_by]
@@ -81,15 +69,7 @@ class Resolution:
 
 
 def compute_resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> Resolution:
-    """Compute what recordings filtered like this can resolve, from the accelerations at their reversals.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    preprocessing : Preprocessing
-        Filters of the model.
-    """
+    """Compute what recordings filtered like this can resolve, from the accelerations at their reversals."""
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     n = len(comparisons[0].joint_names)
     if not cutoffs:

@@ -70,15 +70,7 @@ class ShapeProposals:
         return [group for group in self.run_groups if len(group) == 1]
 
     def add_lines(self, comparisons: Sequence[Comparison], robot: Robot) -> ShapeProposals:
-        """Return the same with lines on further joints, from what a better model leaves, if they can pass as findings.
-
-        Parameters
-        ----------
-        comparisons : sequence of Comparison
-            The recordings with the prediction of that model.
-        robot : Robot
-            The robot, as its description gives it.
-        """
+        """Return the same with further lines of what a better model leaves, where they can pass as findings."""
         known = self.angle_lines
         later = [
             line
@@ -94,24 +86,7 @@ def propose_shapes(
     identification: Identification,
     since: tuple[str, ...] = (),
 ) -> ShapeProposals:
-    """Propose shape constants and runs from the residual of the model and from the recordings.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    recordings : sequence of Recording
-        The recordings.
-    identification : Identification
-        The identified model.
-    since : tuple of str
-        Labels of the later runs, where there is a baseline.
-
-    Returns
-    -------
-    ShapeProposals
-        The proposals.
-    """
+    """Propose shape constants and runs from the residual of the model and from the recordings."""
     # Without a filter of the torque: half of the Nyquist frequency.
     highest = identification.preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
     motion = find_motion_lines(comparisons, highest)

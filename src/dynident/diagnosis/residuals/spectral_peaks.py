@@ -195,15 +195,7 @@ class AngleLines:
 
 
 def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
-    """Find lines in the spectrum of the residual over each joint's own angle.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    robot : Robot
-        The robot, as its description gives it.
-    """
+    """Find lines in the spectrum of the residual over each joint's own angle."""
     clear, faint = [], []
     for j, joint in enumerate(robot.joints):
         if joint.kind != "revolute":
@@ -226,17 +218,7 @@ def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLi
 
 
 def compute_line_share(comparisons: Sequence[Comparison], joint: int, waves: float) -> float:
-    """Return the share of a joint's squared residual that a wave over its angle explains.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    joint : int
-        Index of the joint.
-    waves : float
-        Waves a turn.
-    """
+    """Return the share of a joint's squared residual that a wave over its angle explains."""
     angle = np.concatenate([waves * c.q[c.counted_rows[:, joint], joint] for c in comparisons])
     residual = np.concatenate([c.residual[c.counted_rows[:, joint], joint] for c in comparisons])
     columns = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -250,13 +232,6 @@ def compute_angle_power(q: FloatArray, residual: FloatArray) -> tuple[FloatArray
 
     No part of the range counts for more than the middle one: a joint that goes from point to point is nearly always
     near the points, and the spectrum would be that of where it dwells.
-
-    Parameters
-    ----------
-    q : (m,)
-        Positions of the joint, rad.
-    residual : (m,)
-        Residual of the joint, N m.
     """
     low, span = float(q.min()), float(q.max() - q.min())
     part = _number_bins(q, low, span, _BINS)
@@ -324,15 +299,7 @@ class MotionLines:
 
 
 def find_motion_lines(comparisons: Sequence[Comparison], highest: float) -> MotionLines:
-    """Find lines in the spectrum of all joints' velocities over time, below `highest` in Hz.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    highest : float
-        Highest frequency, Hz.
-    """
+    """Find lines in the spectrum of all joints' velocities over time, below `highest` in Hz."""
     pieces = split_pieces(comparisons)
     period, size = choose_spectrum_grid(pieces)
     if not size or highest <= SLOWEST_VIBRATION:
@@ -380,17 +347,7 @@ def _compute_periodogram(t: FloatArray, values: FloatArray, period: float, size:
 
 
 def find_peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
-    """Find peaks of at least so many times their surroundings, the highest first.
-
-    Parameters
-    ----------
-    k : (f,)
-        Frequencies, evenly spaced.
-    power : (f,)
-        Power at each frequency.
-    least : float
-        Least ratio to the median of the surroundings.
-    """
+    """Find peaks of at least so many times their surroundings, the highest first."""
     if len(power) < 3:
         return []
     width = min(_SURROUNDINGS, 2 * ((len(power) - 1) // 2) + 1)

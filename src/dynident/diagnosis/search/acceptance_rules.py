@@ -62,13 +62,7 @@ def _compute_share_ahead(margins: FloatArray, counts: FloatArray) -> float:
 
 
 def is_other_name(chosen: ScoredCandidate, rival: ScoredCandidate) -> bool:
-    """Return whether a candidate would be another name: another effect that is not known to be the same function.
-
-    Parameters
-    ----------
-    chosen, rival : ScoredCandidate
-        The candidates to compare.
-    """
+    """Return whether a candidate would be another name: another effect that is not known to be the same function."""
     mine, theirs = get_effect(chosen.candidate.effect), get_effect(rival.candidate.effect)
     if theirs.id == mine.id:
         return False
@@ -83,15 +77,7 @@ def _compute_margin(chosen: ScoredCandidate, rival: ScoredCandidate) -> FloatArr
 
 
 def find_rejection(state: State, scored: ScoredCandidate) -> Reason | None:
-    """Return the first rule that a candidate fails, as a reason; None where it passes them all.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    """
+    """Return the first rule that a candidate fails, as a reason; None where it passes them all."""
     rules = (
         _check_visibility,
         _check_significance,
@@ -102,21 +88,6 @@ def find_rejection(state: State, scored: ScoredCandidate) -> Reason | None:
         _check_runs,
     )
     return next((reason for rule in rules if (reason := rule(state, scored)) is not None), None)
-
-
-def is_too_small_for_runs(state: State, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate would be a finding, were it not of some runs and too small for that.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    """
-    rejection = find_rejection(state, scored)
-    # The size in its runs is checked last: all other rules passed where that is what a candidate fails.
-    return rejection is not None and dict(rejection.values).get("measure") == "runs"
 
 
 def _check_visibility(state: State, scored: ScoredCandidate) -> Reason | None:
@@ -201,17 +172,7 @@ def _compute_largest_gain(state: State, scored: ScoredCandidate) -> float:
 
 
 def has_gain_on_joint(state: State, scored: ScoredCandidate, joint: int) -> bool:
-    """Return whether a candidate that acts on several joints lowers the error of one of them enough, and evenly.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    joint : int
-        Index of the joint.
-    """
+    """Return whether a candidate that acts on several joints lowers the error of one of them enough, and evenly."""
     # In units of the noise of this joint alone, whatever the others gain.
     before = scored.before[:, joint] / state.noise[joint] ** 2
     gain = before - scored.after[:, joint] / state.noise[joint] ** 2
@@ -230,15 +191,6 @@ def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatA
     """Return whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves.
 
     What friction leaves is on its own joint; where else a cable pulls is not known.
-
-    Parameters
-    ----------
-    scored : ScoredCandidate
-        The candidate.
-    finding : ScoredCandidate
-        The finding whose formula is rough.
-    floor : (n,)
-        Noise of the sensors, N m or N.
     """
     rough = get_effect(finding.candidate.effect)
     if not rough.is_rough or (rough.is_friction and not set(scored.joints) <= set(finding.joints)):
@@ -247,15 +199,7 @@ def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatA
 
 
 def compute_explained_error(scored: ScoredCandidate, floor: FloatArray) -> float:
-    """Return the squared error that a candidate removes, in units of the sensors' noise (n,).
-
-    Parameters
-    ----------
-    scored : ScoredCandidate
-        The candidate.
-    floor : (n,)
-        Noise of the sensors, N m or N.
-    """
+    """Return the squared error that a candidate removes, in units of the sensors' noise (n,)."""
     removed = (scored.before - scored.after).sum(axis=0)
     unit = np.maximum(floor**2, RULES.quiet * scored.before.mean(axis=0))
     return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
@@ -268,17 +212,7 @@ def get_least_gain(effect: Effect) -> float:
 
 
 def compute_gain_over_floor(state: State, scored: ScoredCandidate, joint: int) -> float:
-    """Return the squared error that a candidate removes on a joint, over that of the sensor's noise.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    joint : int
-        Index of the joint.
-    """
+    """Return the squared error that a candidate removes on a joint, over that of the sensor's noise."""
     removed = float((scored.before - scored.after)[:, joint].sum()) / max(
         float(state.data.count_rows(scored.candidate.columns)[:, joint].sum()), 1.0
     )

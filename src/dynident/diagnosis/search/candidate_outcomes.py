@@ -125,15 +125,7 @@ _SMALL = ("not_significant", "too_small")
 
 
 def add_limits(outcomes: Sequence[CandidateOutcome], limits: Sequence[DetectionLimit]) -> tuple[CandidateOutcome, ...]:
-    """Add the detection limit to the reason of every effect that was too small to be accepted.
-
-    Parameters
-    ----------
-    outcomes : sequence of CandidateOutcome
-        What became of every effect on every joint.
-    limits : sequence of DetectionLimit
-        The detection limits.
-    """
+    """Add the detection limit to the reason of every effect that was too small to be accepted."""
     sizes = {(limit.effect, limit.joints): limit for limit in limits if math.isfinite(limit.size)}
     return tuple(
         replace(outcome, reason=_add_limit(outcome.reason, limit))

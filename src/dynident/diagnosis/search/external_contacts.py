@@ -81,13 +81,6 @@ def drop_faded_contacts(state: State, preprocessing: Preprocessing) -> State:
 
     They are looked for first, in what the plain model leaves: where friction is missing, an interval in which it is
     unusually large may look like one.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    preprocessing : Preprocessing
-        Filters of the model.
     """
     contacts = [finding for finding in state.findings if finding.is_transient]
     if len(contacts) in (0, len(state.findings)):

@@ -46,11 +46,6 @@ def split_groups(state: State) -> State:
 
     A group was found with one value for all of its joints. Values are those of the grid still; joints that have the
     same one stay together.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
     """
     findings: list[Finding] = []
     # Group after group, each beside what the earlier ones have become.
@@ -192,15 +187,7 @@ class RecordedSource:
     inputs: RegressorInputs
 
     def gather_products(self, pool: Pool, progress: Progress = ignore_progress) -> PhasedProducts:
-        """Return inner products of all columns of a pool and of the torque.
-
-        Parameters
-        ----------
-        pool : Pool
-            Model and candidates.
-        progress : Progress
-            Called with the fraction done and a message; may raise to cancel.
-        """
+        """Return inner products of all columns of a pool and of the torque."""
         return gather_products(pool.observation, self.model.signals, self.inputs, pool.n_base, progress)
 
     def add_findings(self, findings: Sequence[Finding]) -> RecordedSource:
@@ -216,22 +203,7 @@ _NOTHING = 1.0
 def locate_findings(
     identification: Identification, findings: Sequence[Finding], inputs: RegressorInputs
 ) -> tuple[Finding, ...]:
-    """Move findings of some runs to the link that gains most, the outer one where data do not decide.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    findings : sequence of Finding
-        The findings.
-    inputs : RegressorInputs
-        Recordings that the search learns from, the model's filters, and what torque is predicted with.
-
-    Returns
-    -------
-    tuple of Finding
-        All findings in their order.
-    """
+    """Move findings of some runs to the link that gains most, the outer one where data do not decide."""
     # Only what some runs have may be on any link; other effects were found on their joints.
     loose = [k for k, finding in enumerate(findings) if get_effect(finding.judged.candidate.effect).in_some_runs]
     if not loose:
@@ -285,21 +257,7 @@ def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], join
 def refine_constants(
     model: Model, findings: Sequence[Finding], inputs: RegressorInputs, resolved: Resolution, progress: Progress
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
-    """Return findings, those alike merged, and what they are with the shape constants that fit best.
-
-    Parameters
-    ----------
-    model : Model
-        The model in which something is missing.
-    findings : sequence of Finding
-        The findings.
-    inputs : RegressorInputs
-        Recordings that the search learns from, the model's filters, and what torque is predicted with.
-    resolved : Resolution
-        What the data can resolve.
-    progress : Progress
-        Called with the fraction done and a message; may raise to cancel.
-    """
+    """Return findings, those alike merged, and what they are with the shape constants that fit best."""
     choices = refine_shapes(model, [finding.judged.candidate.choice for finding in findings], inputs, progress)
     return merge_findings_with_close_constants(findings, choices, model.robot, resolved)
 
@@ -320,23 +278,6 @@ def refine_findings(
     """Refine the shape constants of the findings; drop those that only made up for the coarse constants of another.
 
     A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    findings : sequence of Finding
-        The findings on the grid.
-    inputs : RegressorInputs
-        Recordings that the search learns from, the model's filters, and what torque is predicted with.
-    resolved : Resolution
-        What the data can resolve.
-    floor : (n,)
-        Noise of the sensors, N m or N.
-    since : tuple of str
-        Labels of the later runs, where there is a baseline.
-    progress : Progress
-        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
@@ -452,24 +393,7 @@ def improve_reference(model: Model, choices: Sequence[EffectChoice], inputs: Reg
 def predict_with_findings(
     model: Model, state: State, inputs: RegressorInputs, comparisons: Sequence[Comparison]
 ) -> Sequence[Comparison]:
-    """Return comparisons with the torque that a model predicts with what was found, as it is on the grid.
-
-    Parameters
-    ----------
-    model : Model
-        The model in which something is missing.
-    state : State
-        The model so far and what was found.
-    inputs : RegressorInputs
-        Recordings that the search learns from, the model's filters, and what torque is predicted with.
-    comparisons : sequence of Comparison
-        The recordings with the model's own prediction.
-
-    Returns
-    -------
-    sequence of Comparison
-        As they were where nothing was found.
-    """
+    """Return comparisons with the torque that a model predicts with what was found, as it is on the grid."""
     if not state.findings:
         return comparisons
     inputs = improve_reference(model, [finding.judged.candidate.choice for finding in state.findings], inputs)
@@ -488,11 +412,6 @@ def changes_prediction(choice: EffectChoice) -> bool:
     """Return whether the torque that columns depend on is another one with an effect in the model.
 
     A sensitivity biases all parameters where it is lacking; a mass is a load in the runs that have it.
-
-    Parameters
-    ----------
-    choice : EffectChoice
-        The effect.
     """
     effect = get_effect(choice.effect)
     return effect.first_order or effect.in_some_runs

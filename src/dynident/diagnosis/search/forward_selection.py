@@ -12,13 +12,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.significance import ScoredCandidate, has_larger_gain
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
-from dynident.diagnosis.search.acceptance_rules import compute_stability, find_rejection
 from dynident.diagnosis.search.comparison_of_rivals import (
     compare_names,
     explains_as_much,
+    list_other_names,
     list_starts,
     refine_grid,
 )
@@ -36,7 +35,6 @@ from dynident.diagnosis.search.search_state import (
     State,
     score_all,
     score_family,
-    score_on_common_rows,
 )
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification.shape_search import list_between
@@ -45,15 +43,7 @@ from dynident.regressors.model_structure import Model
 
 
 def merge_findings_on_joint(rows: ProductSource, state: State) -> State:
-    """Merge several findings on a joint into one, where that one explains as much.
-
-    Parameters
-    ----------
-    rows : ProductSource
-        Gives products of further columns.
-    state : State
-        The model so far and what was found.
-    """
+    """Merge several findings on a joint into one, where that one explains as much."""
     for several in _group_by_joint(state.findings):
         state = _merge_group(rows, state, several)
     return state
@@ -96,7 +86,7 @@ def _merge_group(rows: ProductSource, state: State, several: Sequence[Finding]) 
         return state
     # That something is there was tested for each of them; the new name takes over the surest test.
     p = min(finding.p for finding in several)
-    equal = [parents[scored.candidate.choice] for scored in _list_other_names(best, as_good)]
+    equal = [parents[scored.candidate.choice] for scored in list_other_names(best, as_good)]
     new = Finding(replace(parents[best.candidate.choice], p=p), tuple(equal), p)
     findings = [new if finding is several[0] else finding for finding in state.findings]
     remaining = tuple(finding for finding in findings if finding is new or finding not in several)
@@ -116,161 +106,13 @@ def _list_single_curves(beside: State, several: Sequence[Finding]) -> list[Candi
     return candidates
 
 
-def rename_waves(rows: ProductSource, state: State) -> State:
-    """Give functions of a joint's position the names that they have beside all that was found on that joint.
-
-    Parameters
-    ----------
-    rows : ProductSource
-        Gives products of further columns.
-    state : State
-        The model so far and what was found.
-    """
-    for number, finding in enumerate(state.findings):
-        joints = set(finding.judged.candidate.joints)
-        later = [other for other in state.findings[number + 1 :] if joints & set(other.judged.candidate.joints)]
-        # Another function of the position says what its constants are off by, until they are refined.
-        if _may_be_a_wave(finding) and not all(is_of_position(other) for other in later):
-            state = _rename_wave(rows, state, number)
-    return state
-
-
-def _rename_wave(rows: ProductSource, state: State, number: int) -> State:
-    finding = state.findings[number]
-    mine, without_it = finding.judged.candidate, state.drop_findings([finding])
-    free = [*_list_rivals(state, finding, without_it), mine]
-    # That something is there was tested among all that could be.
-    judged = [replace(scored, p=finding.p) for scored in score_all(without_it, free)]
-    choice = select_candidate(without_it, judged)
-    if choice is None:
-        return state
-    chosen, equal = compare_names(rows, without_it, choice, judged)
-    new = Finding(chosen, equal, finding.p)
-    findings = (*state.findings[:number], new, *state.findings[number + 1 :])
-    return replace(without_it, base=without_it.base + new.columns, findings=findings)
-
-
-def _may_be_a_wave(finding: Finding) -> bool:
-    """Return whether a finding is, or might be called, a wave over the joint's angle."""
-    names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
-    known = {other for name in names for other in (name, *get_effect(name).confused_with, *get_effect(name).covers)}
-    return any(get_effect(name).proposal == "angle_spectrum" for name in known)
-
-
-def revisit_findings(state: State) -> State:
-    """Give findings on single joints the names that they have beside all others.
-
-    The search named each beside what it knew by then; with what it found later, another may say clearly more.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    """
-    for number, finding in enumerate(state.findings):
-        if len(finding.judged.candidate.joints) != 1 or finding.is_transient:
-            continue
-        name = _find_better_name(state, _score_rivals(state, finding))
-        if name is not None:
-            better, equal, own = name
-            new = Finding(replace(better, p=finding.p), equal, finding.p, former=(own, *finding.former))
-            rest = state.drop_columns(finding.columns)
-            findings = (*state.findings[:number], new, *state.findings[number + 1 :])
-            state = replace(rest, base=rest.base + new.columns, findings=findings)
-    return state
-
-
-def _score_rivals(state: State, finding: Finding) -> list[ScoredCandidate]:
-    """Score a finding, and behind it other names on its joint, beside all other findings."""
-    mine, without_it = finding.judged.candidate, state.drop_findings([finding])
-    # That something is there was tested among all that could be.
-    rivals = _list_rivals(state, finding, without_it)
-    if is_of_position(finding):
-        # Which function of the position it is depends on the constants: `rename_waves` asks that, with finer ones.
-        rivals = [candidate for candidate in rivals if not get_effect(candidate.effect).of_position]
-    return [replace(scored, p=finding.p) for scored in score_on_common_rows(without_it, mine, rivals)]
-
-
-def _list_rivals(state: State, finding: Finding, without_it: State) -> list[Candidate]:
-    """List other candidates on the joints of a finding, in the same runs: only its name is in question."""
-    mine = finding.judged.candidate
-    return [
-        candidate
-        for candidate in state.pool.candidates
-        if (candidate.joints, candidate.runs) == (mine.joints, mine.runs)
-        and _is_admissible(candidate, without_it.findings)
-        and candidate != mine
-        and not set(candidate.columns) & set(without_it.base)
-    ]
-
-
-def _find_better_name(
-    state: State, scores: Sequence[ScoredCandidate]
-) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...], ScoredCandidate] | None:
-    """Return what says clearly more than the first of the candidates, its equals, and that first one.
-
-    It passes the rules, and says more in nearly every draw.
-    """
-    own, *others = scores
-    beside = state.drop_columns(own.candidate.columns)
-
-    def is_acceptable(scored: ScoredCandidate) -> bool:
-        return find_rejection(beside, scored) is None and is_physically_possible(beside, scored)
-
-    better = [
-        scored
-        for scored in others
-        if scored.candidate.effect != own.candidate.effect
-        and scored.total_gain > own.total_gain
-        and (scored.freedom <= own.freedom or has_larger_gain(scored, own))
-        and is_acceptable(scored)
-        and compute_stability([scored], [own], state.data.moving.run) >= state.rules.found_again
-    ]
-    if not better:
-        return None
-    best = max(better, key=lambda scored: scored.total_gain)
-    as_good = [scored for scored in scores if explains_as_much(scored, best) and is_acceptable(scored)]
-    return best, _list_other_names(best, as_good), own
-
-
-def _list_other_names(best: ScoredCandidate, as_good: Sequence[ScoredCandidate]) -> tuple[ScoredCandidate, ...]:
-    """List the best candidate of every other effect among those that explain as much."""
-    names: dict[str, ScoredCandidate] = {}
-    for scored in sorted(as_good, key=lambda scored: -scored.total_gain):
-        if scored.candidate.effect != best.candidate.effect:
-            names.setdefault(scored.candidate.effect, scored)
-    return tuple(names.values())
-
-
 def is_of_position(finding: Finding) -> bool:
     """Return whether a finding is a function of the positions and the direction alone."""
     return get_effect(finding.judged.candidate.effect).of_position
 
 
-def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
-    """Return whether a candidate is none of the other findings, nor contained in one."""
-    return not any(
-        other.judged.candidate.effect == candidate.effect
-        or candidate.effect in get_effect(other.judged.candidate.effect).covers
-        for other in others
-        if set(other.judged.candidate.joints) & set(candidate.joints)
-    )
-
-
 class EarlierSearch(NamedTuple):
-    """What a search leaves to one that goes on where it ended; its rows, of which there are many, are gone by then.
-
-    Parameters
-    ----------
-    pool : Pool
-        Its model and candidates.
-    findings : sequence of Finding
-        What it found, as it was found.
-    choices : sequence of EffectChoice
-        The same with refined shape constants.
-    losses : mapping of EffectChoice to Loss
-        Which finding took most of each candidate's gain.
-    """
+    """What a search leaves to one that goes on where it ended; its rows, of which there are many, are gone by then."""
 
     pool: Pool
     findings: Sequence[Finding]
@@ -366,7 +208,7 @@ def search_findings(
 
 
 def settle_findings(record: SearchRecord) -> None:
-    """Settle what a search added, on the grid: rename waves, merge findings, drop superfluous ones, split groups.
+    """Settle what a search added, on the grid: merge findings, drop superfluous ones, split groups.
 
     Several findings over the position of a joint become one that explains as much. Joints of a group whose constants
     the data tell apart become findings with their own constants.
@@ -377,7 +219,7 @@ def settle_findings(record: SearchRecord) -> None:
         What the search added; its state becomes that of the findings that stay.
     """
     # The order matters: a finding may be superfluous beside what others were merged into, and only what lasts is split.
-    state = merge_findings_on_joint(record.rows, rename_waves(record.rows, record.state))
+    state = merge_findings_on_joint(record.rows, record.state)
     pruned = prune_findings(state)
     lasting = {finding.judged.candidate for finding in pruned.findings}
     superfluous = {finding.judged.candidate for finding in state.findings} - lasting

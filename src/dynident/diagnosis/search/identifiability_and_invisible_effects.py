@@ -37,11 +37,6 @@ Key = tuple[str, tuple[str, ...]]
 def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
     """Find effects on a joint of whose columns hardly anything is left beside the model, whatever their constants.
 
-    Parameters
-    ----------
-    first : sequence of ScoredCandidate
-        All candidates beside the model alone.
-
     Returns
     -------
     tuple of Invisible
@@ -126,11 +121,6 @@ def is_determined(state: State) -> bool:
     """Return whether the model that the search starts from predicts parts of the motion from the others.
 
     Where the motion does not determine it, what a candidate gains is what it happens to hold the model by.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
     """
     return compute_part_to_part_ratio(state) <= state.rules.part_to_part
 
@@ -140,11 +130,6 @@ def compute_part_to_part_ratio(state: State) -> float:
 
     Blocks with what was found already, a contact, do not count: it happened once, no other part of the motion tells
     of it.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
     """
     rows, noise = state.rows, state.noise
     usual = np.ones(rows.n_blocks, dtype=bool)
@@ -163,13 +148,6 @@ def is_main_explanation(state: State, scored: ScoredCandidate) -> bool:
 
     There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
     or a few that take so much of what all parameters together could not are no chance, either.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
     """
     # Fitted, not held out: what a poor motion leaves undetermined cannot be predicted by any model.
     rows = state.data.select_for_candidates(state.base, np.array(state.data.find_row_kinds(scored.candidate.columns)))
@@ -203,17 +181,6 @@ def extend_with_findings(
     """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
 
     First-order effects are about the torque that the model with all of them predicts.
-
-    Parameters
-    ----------
-    identification : Identification
-        The model.
-    recommended : sequence of EffectChoice
-        What is added to it.
-    recordings : sequence of Recording
-        The recordings that it is identified from.
-    progress : Progress
-        Called with the fraction done and a message; may raise to cancel.
     """
     undetermined: dict[int, tuple[Invisible, Reason]] = {}
     while numbers := [number for number in range(len(recommended)) if number not in undetermined]:
@@ -260,13 +227,6 @@ def is_only_helpful_at_first(grown: Identification, choice: EffectChoice) -> boo
     Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
     model, the one with it predicts another torque, and the gain is gone: without its columns no joint's error is
     noticeably larger.
-
-    Parameters
-    ----------
-    grown : Identification
-        The model that was identified with the effect.
-    choice : EffectChoice
-        The effect.
     """
     if not get_effect(choice.effect).first_order:
         return False

@@ -9,21 +9,17 @@ from dynident.array_types import IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate, has_larger_gain, select_simplest
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.outcome_reasons import Reason, describe_choice
+from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import (
     compute_stability,
     find_rejection,
     has_gain_on_joint,
     is_other_name,
-    is_too_small_for_runs,
 )
 from dynident.diagnosis.search.physical_plausibility import find_impossibility
 from dynident.diagnosis.search.search_state import State, score_all
 from dynident.effects import get_effect
 from dynident.estimation.residual_errors import compute_t
-
-# Of what gains more, so many are asked whether they explain the chosen one away.
-_SHADOWS = 3
 
 
 def select_candidate(
@@ -33,8 +29,7 @@ def select_candidate(
 ) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]] | None:
     """Select the next effect to add and its equals on these data; None where nothing passes.
 
-    What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
-    less of the same than a torque before its cause is the shadow of something that has no name here.
+    What nature does not allow is never named.
 
     Parameters
     ----------
@@ -59,19 +54,16 @@ def select_candidate(
         else:
             reasons[scored.candidate] = rejection
     # Physics is checked last and once for each, since it takes a fit of the model with the candidate.
-    passing, unnatural = [], []
+    passing = []
     for scored in large:
         impossibility = find_impossibility(state, scored)
         if impossibility is None:
             passing.append(scored)
         else:
-            unnatural.append(scored)
             reasons[scored.candidate] = impossibility
     doubted: list[ScoredCandidate] = []
-    shy = [scored for scored in judged if is_too_small_for_runs(state, scored)]
     while passing:
-        # A group is dropped here where its joints gain clearly more with constants of their own.
-        best, equal = select_simplest(_drop_split_groups(passing))
+        best, equal = select_simplest(passing)
         lasting = _find_lasting_cause(state, best, passing)
         chosen, equal = (lasting, (best, *equal)) if lasting else (best, equal)
         others = [
@@ -85,17 +77,15 @@ def select_candidate(
         chosen, twins = _prefer_usual_change(state, chosen, _find_twins(chosen, others, state.data.moving.run))
         beyond = [scored for scored in others if all(scored is not twin for twin in twins)]
         equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
-        hidden = _select_first_order(chosen, unnatural)
-        stability = _compute_stability(state, (chosen, *twins), [*beyond, *hidden])
+        stability = _compute_stability(state, (chosen, *twins), beyond)
         if stability >= state.rules.found_again:
             slim = drop_idle_joints(state, chosen)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
             by_itself = None if whole else find_rejection(state, replace(slim, p=chosen.p))
-            rejection = by_itself or _check_moving_joints(state, slim) or _check_run_effects(state, slim, shy)
+            rejection = by_itself or check_moving_joints(state, slim)
             if rejection is None:
-                equivalents = equal + _find_confused(slim, judged, equal)
-                return replace(slim, p=chosen.p), equivalents + find_richer_changes(state, slim, passing, equivalents)
+                return replace(slim, p=chosen.p), equal + find_richer_changes(state, slim, passing, equal)
         else:
             rejection = Reason.build("unstable", share=stability, least=state.rules.found_again)
             # What takes its place in other draws would be no surer a name for want of it.
@@ -161,14 +151,7 @@ def _grows_with_load(scored: ScoredCandidate) -> bool:
     return effect.is_friction and effect.needs_load and not scored.candidate.runs
 
 
-def _select_first_order(chosen: ScoredCandidate, others: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
-    """Return those that are sensitivities of the predicted torque as well."""
-    if not get_effect(chosen.candidate.effect).first_order:
-        return []
-    return [scored for scored in others if get_effect(scored.candidate.effect).first_order]
-
-
-def _check_moving_joints(state: State, chosen: ScoredCandidate) -> Reason | None:
+def check_moving_joints(state: State, chosen: ScoredCandidate) -> Reason | None:
     """Check that what remembers the path also lowers the error where joints move on, not only where they reverse.
 
     There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
@@ -180,27 +163,6 @@ def _check_moving_joints(state: State, chosen: ScoredCandidate) -> Reason | None
     if scored.error_drop >= state.rules.least_error_drop:
         return None
     return Reason.build("only_at_reversals", share=max(scored.error_drop, 0.0), least=state.rules.least_error_drop)
-
-
-def _check_run_effects(state: State, chosen: ScoredCandidate, shy: Sequence[ScoredCandidate]) -> Reason | None:
-    """Check that nothing of some runs gains clearly more, beside which the chosen one, of all runs, is nothing.
-
-    A payload leaves what a spring says in part. That it is too small to be told makes no spring of it.
-    """
-    places = set(chosen.joints)
-    larger = [
-        scored
-        for scored in shy
-        if not places.isdisjoint(scored.joints)
-        and scored.candidate.runs != chosen.candidate.runs
-        and has_larger_gain(scored, chosen)
-    ]
-    for scored in sorted(larger, key=lambda scored: -scored.total_gain)[:_SHADOWS]:
-        (rescored,) = score_all(replace(state, base=state.base + scored.candidate.columns), [chosen.candidate])
-        if rescored.total_gain < state.rules.still_gains * chosen.total_gain:
-            left = max(rescored.total_gain, 0.0) / chosen.total_gain
-            return Reason.build("explained", by=describe_choice(scored.candidate.choice), left=left)
-    return None
 
 
 def _prefer_usual_change(
@@ -216,15 +178,7 @@ def _prefer_usual_change(
 
 
 def is_seldom_change(state: State, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate is a change of the later runs that robots seldom get from one day to the next.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    """
+    """Return whether a candidate is a change of the later runs that robots seldom get from one day to the next."""
     return state.pool.is_change(scored.candidate) and _is_seldom(scored)
 
 
@@ -251,51 +205,6 @@ def _compute_stability(state: State, names: Sequence[ScoredCandidate], passing: 
         if after.total_gain < state.rules.still_gains * before.total_gain
     ]
     return compute_stability(names, rivals, run)
-
-
-def _find_best_alone(effect: str, judged: Sequence[ScoredCandidate]) -> dict[str, ScoredCandidate]:
-    """Return the best candidate of an effect on every joint by itself, each with its own shape constants."""
-    best: dict[str, ScoredCandidate] = {}
-    for scored in judged:
-        joints = scored.candidate.joints
-        if scored.candidate.effect != effect or len(joints) != 1:
-            continue
-        if joints[0] not in best or scored.total_gain > best[joints[0]].total_gain:
-            best[joints[0]] = scored
-    return best
-
-
-def _drop_split_groups(passing: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
-    """Drop the groups whose joints gain clearly more one by one, each with its own shape constants."""
-    alone = {effect: _find_best_alone(effect, passing) for effect in {scored.candidate.effect for scored in passing}}
-
-    def sum_single_gains(scored: ScoredCandidate) -> float:
-        own = alone[scored.candidate.effect]
-        return sum(own[joint].total_gain for joint in scored.candidate.joints if joint in own)
-
-    return [
-        scored
-        for scored in passing
-        if len(scored.candidate.joints) < 2 or sum_single_gains(scored) < RULES.one_by_one * scored.total_gain
-    ]
-
-
-def _find_confused(
-    chosen: ScoredCandidate, judged: Sequence[ScoredCandidate], equal: Sequence[ScoredCandidate]
-) -> tuple[ScoredCandidate, ...]:
-    """Find what the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
-    known = {scored.candidate.effect for scored in equal} | {chosen.candidate.effect}
-    confused = get_effect(chosen.candidate.effect).confused_with
-    rivals: dict[str, ScoredCandidate] = {}
-    for scored in judged:
-        name = scored.candidate.effect
-        near = (
-            scored.total_gain >= RULES.equal_gain * chosen.total_gain
-            and compute_t(chosen.gains - scored.gains) < RULES.equal_t
-        )
-        if name in confused and name not in known and scored.candidate.joints == chosen.candidate.joints and near:
-            rivals.setdefault(name, scored)
-    return tuple(rivals.values())
 
 
 def find_richer_changes(

@@ -25,28 +25,12 @@ from dynident.effects import Column, Estimate, get_effect, get_spec
 
 
 def is_physically_possible(state: State, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate beside a model is physically possible with the amplitudes that the data ask for.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    """
+    """Return whether a candidate beside a model is physically possible with the amplitudes that the data ask for."""
     return find_impossibility(state, scored) is None
 
 
 def find_impossibility(state: State, scored: ScoredCandidate) -> Reason | None:
-    """Return what makes a candidate beside a model physically impossible; None where nothing does.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    """
+    """Return what makes a candidate beside a model physically impossible; None where nothing does."""
     rows = state.data.select_for_model(state.base + scored.candidate.columns)
     # Several steps of a round ask for the same candidate beside the same model.
     key = "impossibility", state.base, state.noise.tobytes(), scored.candidate
@@ -54,15 +38,7 @@ def find_impossibility(state: State, scored: ScoredCandidate) -> Reason | None:
 
 
 def find_impossible_parameter(state: State, scored: ScoredCandidate) -> tuple[Reason, tuple[str, ...]] | None:
-    """Return which parameter of a candidate itself is physically impossible, and the joints on which one is.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    scored : ScoredCandidate
-        The candidate.
-    """
+    """Return which parameter of a candidate itself is physically impossible, and the joints on which one is."""
     rows = state.data.select_for_model(state.base + scored.candidate.columns)
     fit = _fit_columns(rows, state.base, scored.candidate.columns, state.noise)
     reason = _check_parameters(rows, state, scored, fit)
@@ -79,13 +55,11 @@ def find_impossible_parameter(state: State, scored: ScoredCandidate) -> tuple[Re
 
 
 def _find_impossibility(rows: Products, state: State, scored: ScoredCandidate) -> Reason | None:
-    columns = np.array(state.base + scored.candidate.columns, dtype=np.intp)
     values, doubts = _fit_columns(rows, state.base, scored.candidate.columns, state.noise)
-    if get_effect(scored.candidate.effect).is_friction:
-        if not _is_dissipative(rows, state.pool, columns, values, scored):
-            return Reason.build("impossible")
-        if column_estimate := _find_wrong_friction(state, _build_estimates(values, doubts), scored):
-            return _build_impossible(*column_estimate)
+    is_friction = get_effect(scored.candidate.effect).is_friction
+    wrong = _find_wrong_friction(state, _build_estimates(values, doubts), scored) if is_friction else None
+    if wrong is not None:
+        return _build_impossible(*wrong)
     return _check_parameters(rows, state, scored, (values, doubts))
 
 
@@ -189,27 +163,6 @@ def _find_wrong_friction(
             if spec is not None and not spec.admits(estimate):
                 return column, estimate
     return None
-
-
-def _is_dissipative(
-    data: Products, pool: Pool, columns: IndexArray, values: FloatArray, scored: ScoredCandidate
-) -> bool:
-    """Return whether friction still takes energy from every joint on the whole, the candidate's friction included.
-
-    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each block.
-    """
-    for j in scored.joints:
-        where = data.position[j]
-        coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
-        friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))
-        # Without a Coulomb column there is no sign of the velocity to measure the work against.
-        if not len(coulomb) or not len(friction):
-            continue
-        places = where[columns[friction]]
-        work = data.take_products(j, where[coulomb[:1]], places) @ values[friction]
-        if float(np.minimum(work, 0.0).sum()) < -RULES.given_back * float(np.abs(work).sum()):
-            return False
-    return True
 
 
 def _fit_columns(

@@ -35,18 +35,6 @@ def select_harmless(state: State, columns: Sequence[tuple[int, ...]]) -> list[in
     One that hurts waits for the next that does not, and is tried again beside it: friction judged on torque that is
     late is not what it is once the delay is known. Whole runs are left out of the fit where the others determine the
     model without them, else a tenth of one in a row.
-
-    Parameters
-    ----------
-    state : State
-        The model without them.
-    columns : sequence of tuple of int
-        Columns of each finding, the most important first.
-
-    Returns
-    -------
-    list of int
-        Numbers of the findings.
     """
     accepted: list[int] = []
     waiting = list(range(len(columns)))
@@ -83,16 +71,6 @@ def prune_findings(state: State) -> State:
     """Remove the findings that others have made superfluous, the weakest first.
 
     Neighbours of coarse shape constants are left out: so many columns more would leave little for anything else.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-
-    Returns
-    -------
-    State
-        The state without the superfluous findings.
     """
     state = state.drop_columns({k for finding in state.findings for k in finding.around})
     state = replace(state, findings=tuple(replace(finding, around=()) for finding in state.findings))
@@ -123,13 +101,7 @@ def _rescore_finding(state: State, finding: Finding) -> ScoredCandidate:
 
 
 def trim_joints(state: State) -> list[tuple[str, ...]]:
-    """Return the joints of every finding that still gain from it, each beside all the rest; at least one of a group.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    """
+    """Return the joints of every finding that still gain from it, each beside all the rest; at least one of a group."""
     joints = []
     for finding in state.findings:
         members, state = _select_members(state, finding.judged.candidate)
@@ -200,23 +172,7 @@ class RefinedModel:
         inputs: RegressorInputs,
         floor: FloatArray,
     ) -> RefinedModel:
-        """Gather the products of the model and of the choices that the findings have become.
-
-        Parameters
-        ----------
-        model : Model
-            The model in which something is missing.
-        findings : sequence of Finding
-            The findings.
-        choices : sequence of EffectChoice
-            What each of them has become.
-        since : tuple of str
-            Labels of the later runs, where there is a baseline.
-        inputs : RegressorInputs
-            Recordings, the model's filters, and what torque is predicted with.
-        floor : (n,)
-            Noise of the sensors, N m or N.
-        """
+        """Gather the products of the model and of the choices that the findings have become."""
         columns = list(model.kept)
         refined: list[Finding] = []
         for finding, choice in zip(findings, choices, strict=True):
@@ -234,13 +190,7 @@ class RefinedModel:
         return cls(replace(state, base=everything, findings=tuple(refined)).estimate_noise())
 
     def select_needed(self, preprocessing: Preprocessing) -> tuple[tuple[EffectChoice, ...], list[int]]:
-        """Return the choices that still improve the prediction, on the joints where they do, and their indices.
-
-        Parameters
-        ----------
-        preprocessing : Preprocessing
-            Filters of the model.
-        """
+        """Return the choices that still improve the prediction, on the joints where they do, and their indices."""
         state = prune_findings(drop_faded_contacts(self.state, preprocessing))
         remaining = {finding.judged.candidate for finding in state.findings}
         indices = [i for i, finding in enumerate(self.state.findings) if finding.judged.candidate in remaining]

@@ -189,27 +189,6 @@ def score_all(
     return [scored[k] for k in range(len(candidates))]
 
 
-def score_on_common_rows(state: State, own: Candidate, others: Sequence[Candidate]) -> list[ScoredCandidate]:
-    """Score a candidate, and others less what they gain on rows that it is not about, which are no equations for it.
-
-    Parameters
-    ----------
-    state : State
-        The model so far and what was found.
-    own : Candidate
-        The candidate that the others are compared with.
-    others : sequence of Candidate
-        The others.
-
-    Returns
-    -------
-    list of ScoredCandidate
-        The candidate and, in their order, the others; their gains can be compared.
-    """
-    turns, starts = state.data.find_row_kinds(own.columns)
-    return score_all(state, [own, *others], kinds=(turns, starts))
-
-
 @dataclass(frozen=True, eq=False)
 class ScoredFamily:
     """Candidates that were scored and tested together.
@@ -280,11 +259,6 @@ def may_use_scores(candidate: Candidate) -> bool:
 
     Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint, and at reversals
     of what looks like presliding: scores find it on any arm. They do so on every day alike: of what changed they tell.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        The candidate.
     """
     effect = get_effect(candidate.effect)
     return not effect.first_order and all(spec.resolved_by != "displacement" for spec in effect.shapes)
@@ -344,15 +318,7 @@ def _list_joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
 
 
 def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
-    """Return the rms (n,) of the held-out residual of every joint for the model so far.
-
-    Parameters
-    ----------
-    data : PhasedProducts
-        Products of all columns.
-    base : tuple of int
-        Columns of the model.
-    """
+    """Return the rms (n,) of the held-out residual of every joint for the model so far."""
     rows = data.select_for_model(base)
     # Held out, so that a model with many columns does not look less noisy than it is.
     squares = compute_held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(
@@ -425,15 +391,7 @@ class SearchRecord:
     def record_losses(
         self, finding: Finding, before: Sequence[ScoredCandidate], after: Sequence[ScoredCandidate]
     ) -> None:
-        """Record what each candidate lost by a finding; one that is no candidate any more lost all.
-
-        Parameters
-        ----------
-        finding : Finding
-            The finding that was added.
-        before, after : sequence of ScoredCandidate
-            The candidates, scored without it and beside it.
-        """
+        """Record what each candidate lost by a finding; one that is no candidate any more lost all."""
         gains = {scored.candidate: scored.total_gain for scored in after}
         for scored in before:
             lost = scored.total_gain - gains.get(scored.candidate, 0.0)

@@ -122,15 +122,7 @@ class Halts:
 
 
 def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
-    """Find the halts of a joint in the comparisons of one model.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        The recordings with the model's prediction.
-    joint : int
-        Index of the joint.
-    """
+    """Find the halts of a joint in the comparisons of one model."""
     halts: list[tuple[float, ...]] = []
     for comparison in comparisons:
         standing = comparison.phase[:, joint] == Phase.STANDING
