@@ -95,7 +95,9 @@ def test_another_load_is_weighed_with_the_gains(runs):
     assert "give --weigh, too" in refused.err
 
 
-@pytest.mark.parametrize(("mass", "centre", "word"), [(0, "", "mass is 0.0; it must be"), (4, "0.1,0.2", "x, y and z")])
+@pytest.mark.parametrize(
+    ("mass", "centre", "word"), [(0, "", "mass is 0.0; it must be"), (4, "0.1,0.2", "give 3 values")]
+)
 def test_a_load_that_is_no_load_is_refused(runs, mass, centre, word):
     plain, heavy = runs
     more = ["--centre", centre] if centre else []

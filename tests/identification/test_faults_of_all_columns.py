@@ -184,7 +184,9 @@ def test_a_joint_whose_zero_is_a_quarter_turn_off_is_named_with_where_it_is(seed
     (check,) = findings(recording)
     # It may be the description that has another zero: it is proposed and not ordered.
     assert (check.name, check.status) == ("joint_zero", "warning")
-    assert check.apply == Revision(zeros={f"q{joint}": pytest.approx(0.5 * np.pi * quarters)})
+    assert check.apply is not None
+    assert replace(check.apply, zeros={}) == Revision()
+    assert check.apply.zeros == {f"q{joint}": pytest.approx(0.5 * np.pi * quarters)}
     assert f"the column is {90 * quarters} degrees (" in check.detail
 
 

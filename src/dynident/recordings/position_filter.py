@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import tee
 from math import ceil, log
 from typing import NamedTuple
 
@@ -362,8 +361,21 @@ def _filter_side_by_side(
 ) -> Iterator[tuple[FloatArray, bool]]:
     """Yield samples of a segment behind each of two filters, side by side (k, 2 n), and whether they are the last."""
     farthest = max(own.lookahead for own in filters)
-    copies = tee(blocks, len(filters))
-    streams = [own.stream(copy, farthest) for own, copy in zip(filters, copies, strict=True)]
+    source = iter(blocks)
+    queues: list[deque[tuple[FloatArray, bool]]] = [deque() for _ in filters]
+
+    def read(queue: deque[tuple[FloatArray, bool]]) -> Iterator[tuple[FloatArray, bool]]:
+        # `itertools.tee` would keep up to 57 blocks that all have read.
+        while True:
+            if not queue:
+                block = next(source, None)
+                if block is None:
+                    return
+                for each in queues:
+                    each.append(block)
+            yield queue.popleft()
+
+    streams = [own.stream(read(queue), farthest) for own, queue in zip(filters, queues, strict=True)]
     for parts in zip(*streams, strict=True):
         yield np.hstack([q for q, _ in parts]), parts[0][1]
 
