@@ -302,13 +302,13 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--goal", type=float, default=0.02)
     parser.add_argument("--minutes", type=float, default=3.0)
-    parser.add_argument("--budget", type=float, default=4.0, help="seconds of a design's search")
+    parser.add_argument("--starts", type=int, default=4, help="starts of a design's search: the same on any machine")
     parser.add_argument("--hidden", action="store_true", help="hide an effect in each arm")
     parser.add_argument("--rivals", action="store_true")
     parser.add_argument("--mujoco", action="store_true", help="another engine moves the arms")
     parser.add_argument("--load", type=float, help="kg to within which a load is to be known")
     asked = parser.parse_args()
-    design = DesignRequest(time_budget=asked.budget, trajectory=TrajectoryRequest(duration=10.0, sampling_rate=100.0))
+    design = DesignRequest(starts=asked.starts, trajectory=TrajectoryRequest(duration=10.0, sampling_rate=100.0))
     if asked.load is not None:
         measure_loads(asked, design)
         return

@@ -258,7 +258,8 @@ class ParametersGoal(TypedDict, total=False):
     """Base parameters that are known as well as asked for."""
 
     error: float
-    """Largest relative error of the predicted torque of any joint, or of any named parameter (above 0 to 1)"""
+    """Largest relative error of the predicted torque of any joint, or of any named parameter; 0.05 is 5 % (above 0 to
+    1)"""
     kind: Literal["parameters"]
     parameters: Sequence[str]
     """Names of base parameters"""
@@ -361,13 +362,15 @@ class TorqueGoal(TypedDict, total=False):
     """Torque that is predicted as well as asked for."""
 
     error: float
-    """Largest relative error of the predicted torque of any joint, or of any named parameter (above 0 to 1)"""
+    """Largest relative error of the predicted torque of any joint, or of any named parameter; 0.05 is 5 % (above 0 to
+    1)"""
     kind: Literal["torque"]
     region_ids: Sequence[str]
     """Recordings of the application, for whose motions the torque is to be predicted; by default all states within the
     limits, up to `speed`"""
     speed: float
-    """Share of the velocity and acceleration limits up to which the torque is to be predicted (above 0 to 1)"""
+    """Share of the velocity and acceleration limits up to which the torque is to be predicted; 0.5 is half (above 0 to
+    1)"""
 
 
 class Trajectory(TypedDict, total=False):

@@ -74,7 +74,7 @@ class CampaignRequest(Request):
 
     goal: str = declare_field("Goal of the campaign", default="torque", kinds=GOALS)
     error: float = declare_field(
-        "Largest relative error of the predicted torque of any joint, or of any named parameter",
+        "Largest relative error of the predicted torque of any joint, or of any named parameter; 0.05 is 5 %",
         default=0.05,
         option="--error",
         above=0,
@@ -105,7 +105,7 @@ class CampaignRequest(Request):
         "For the goal payload: runs that are made before the load is mounted", default=2, at_least=1, at_most=100
     )
     speed: float = declare_field(
-        "Share of the velocity and acceleration limits up to which the torque is to be predicted",
+        "Share of the velocity and acceleration limits up to which the torque is to be predicted; 0.5 is half",
         default=REGION_SPEED,
         above=0,
         at_most=1,
