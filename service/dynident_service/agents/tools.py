@@ -201,7 +201,7 @@ def _design(folder: Folder, given: arguments.DesignArguments, progress: Progress
     )
     motion.save(out)
     result = StoredDesign(**describe_design(motion.design).model_dump(), file=given.out)
-    text = "\n".join([motion.summary, *motion.design.warnings, *motion.design.notes])
+    text = "\n".join([motion.summary, *motion.design.notes])
     return Answer(result, text, motion.plot())
 
 
