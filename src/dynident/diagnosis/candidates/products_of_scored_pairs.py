@@ -286,7 +286,7 @@ class RowErrors:
     """What `ProductErrors` are, from the rows themselves."""
 
     def __init__(self, block: RowBlock, fit: FoldFit) -> None:
-        self._block, self._chi, self._projection = block, fit.chi[block.have], fit.projection[block.have]
+        self._block, self._chi, self._fit = block, fit.chi[block.have], fit
         self._has = np.flatnonzero(block.place < block.n_columns)
 
     @cached_property
@@ -299,10 +299,11 @@ class RowErrors:
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
-        scores = np.zeros((len(self._block.blocks), self._projection.shape[1]))
+        projection = self._fit.projection[self._block.have]
+        scores = np.zeros((len(self._block.blocks), projection.shape[1]))
         for rows in self._block.read_rows():
             rest = self._leave_rest(rows)
-            scores[rows.blocks] = -rows.add_up(rows.w * rest).T @ self._projection
+            scores[rows.blocks] = -rows.add_up(rows.w * rest).T @ projection
             scores[rows.blocks, self._has] += rows.add_up(rows.x * rest).T
         return scores
 

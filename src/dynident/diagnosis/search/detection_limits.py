@@ -334,8 +334,7 @@ class _Batch:
 
     def find_thresholds(self) -> FloatArray:
         """Return (c, d): the smallest share of the usual size that each draw accepts; infinite where none is."""
-        shape = len(self.planted), _DRAWS
-        low, high = np.full(shape, math.log(_SMALLEST)), np.full(shape, math.log(LARGEST))
+        low, high = (np.full((len(self.planted), _DRAWS), math.log(end)) for end in (_SMALLEST, LARGEST))
         is_ever = self.find_accepted(np.exp(high))
         # All draws halve their own intervals at once.
         for _ in range(_HALVINGS):
@@ -427,25 +426,26 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
 class _BlockSums:
     """Products of all candidates beside one kind of fits, by block; behind the joints all together, in units of noise.
 
-    ρᵀρ of what the model leaves (n + 1, s), Zᵀρ (n + 1, s, c), and ZᵀZ (s, k, k) by portion, place in it, and joint:
-    those that the candidate acts on, and all together.
+    ρᵀρ (n + 1, s), Zᵀρ (n + 1, s, c), and ZᵀZ (s, k, k) by portion, place in it, and joint: those that the candidate
+    acts on (g, n), and all together, which are parts of one array a portion.
     """
 
     errors: FloatArray
     scores: FloatArray
     squares: dict[tuple[int, int, int], FloatArray]
+    acts: Sequence[BoolArray]
+    together: Sequence[FloatArray]
 
     @classmethod
     def from_portions(cls, blocks: JointBlocks, acts: Sequence[BoolArray]) -> _BlockSums:
         """Return zeros for candidates that act on some joints (g, n), by portion."""
         s, joints = blocks.n_blocks, len(blocks.joints) + 1
-        squares = {
-            (number, place, j): np.zeros((s, portion.width, portion.width))
-            for number, (portion, own) in enumerate(zip(blocks.portions, acts, strict=True))
-            for place, mine in enumerate(own)
-            for j in (*np.flatnonzero(mine).tolist(), _ALL)
-        }
-        return cls(np.zeros((joints, s)), np.zeros((joints, s, blocks.n_extra)), squares)
+        together = [np.zeros((len(own.members), s, own.width, own.width)) for own in blocks.portions]
+        squares = {}
+        for number, (own, whole) in enumerate(zip(acts, together, strict=True)):
+            squares |= {(number, place, j): np.zeros_like(whole[0]) for place, j in np.argwhere(own).tolist()}
+            squares |= {(number, place, _ALL): mine for place, mine in enumerate(whole)}
+        return cls(np.zeros((joints, s)), np.zeros((joints, s, blocks.n_extra)), squares, acts, together)
 
     def add_joint(self, joint: int, where: IndexArray, block: JointBlock, fit: FoldFit, weight: float) -> None:
         """Add what one joint has in some blocks; each block of a joint comes once."""
@@ -454,10 +454,9 @@ class _BlockSums:
             sums[joint, where] = own
             sums[_ALL, where] += weight * own
         for number, products in enumerate(compute_block_products(block, fit)):
-            for place in np.flatnonzero(products.any(axis=(1, 2, 3))).tolist():
-                self.squares[number, place, _ALL][where] += weight * products[place]
-                if (number, place, joint) in self.squares:
-                    self.squares[number, place, joint][where] = products[place]
+            self.together[number][:, where] += weight * products
+            for place in np.flatnonzero(self.acts[number][:, joint]).tolist():
+                self.squares[number, place, joint][where] = products[place]
 
     def take_candidate(
         self, number: int, place: int, columns: IndexArray, joints: IndexArray, folds: tuple[IndexArray, ...]
