@@ -441,7 +441,7 @@ class _BlockSums:
         """Return zeros for candidates that act on some joints (g, n), by portion."""
         s, joints = blocks.n_blocks, len(blocks.joints) + 1
         together = [np.zeros((len(own.members), s, own.width, own.width)) for own in blocks.portions]
-        squares = {}
+        squares: dict[tuple[int, int, int], FloatArray] = {}
         for number, (own, whole) in enumerate(zip(acts, together, strict=True)):
             squares |= {(number, place, j): np.zeros_like(whole[0]) for place, j in np.argwhere(own).tolist()}
             squares |= {(number, place, _ALL): mine for place, mine in enumerate(whole)}
