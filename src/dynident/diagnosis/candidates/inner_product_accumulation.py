@@ -38,7 +38,7 @@ their products (`benchmarks/rows_or_products.py`)."""
 
 _MOST_PRODUCTS = 2**26
 """Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers, and in four bytes
-each: what these round off is a ten-thousandth of the noise of sensors."""
+each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
 
 
 class BlockNumbering:
