@@ -121,7 +121,12 @@ def test_a_mass_that_a_spring_would_say_as_well_keeps_its_name_from_day_to_day()
     floor = np.full(6, 0.05)
     state = State(rows.gather_products(pool), pool, tuple(range(pool.n_base)), floor, floor).estimate_noise()
     tried = [pool.find_candidate(choice) for choice in (mass, spring)]
-    judged = score_family(state, tried).scored
+    family = score_family(state, tried)
+    # What was scored beside the same model is not scored again, and stays as sure.
+    again = score_family(state, tried[:1], family)
+    assert again.is_fresh
+    assert again.scored[0].after is family.scored[0].after
+    judged = family.scored
     choice = select_candidate(state, judged)
     assert choice is not None
     chosen, equal = choice

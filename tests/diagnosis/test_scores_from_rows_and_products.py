@@ -7,9 +7,14 @@ import pytest
 
 from dynident.diagnosis.candidates import inner_product_accumulation, products_of_scored_pairs
 from dynident.diagnosis.candidates.candidate_pool import Candidate
-from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
+from dynident.diagnosis.candidates.held_out_scores import (
+    FoldedFits,
+    compute_contributions,
+    score_candidates,
+    score_folds,
+)
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
-from dynident.diagnosis.candidates.products_of_scored_pairs import RowErrors
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks, RowErrors
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
@@ -61,6 +66,46 @@ def test_what_stretches_add_to_the_scores_is_the_same_from_rows_and_from_product
     pairs = zip(*(compute_contributions(data, BASE, CANDIDATES, NOISE) for data in (few, many)), strict=True)
     for mine, other in pairs:
         np.testing.assert_allclose(np.abs(mine), np.abs(other), atol=1e-8)
+
+
+@pytest.mark.parametrize("expected", [1000, 1])
+def test_several_kinds_of_folds_at_once_give_what_each_gives_by_itself(expected, monkeypatch):
+    data, kinds, read = gathered(expected), ("interleaved", "contiguous"), []
+    read_blocks = RowStack.read_blocks
+    monkeypatch.setattr(
+        RowStack, "read_blocks", lambda stack, *asked: read.append(len(asked[1])) or read_blocks(stack, *asked)
+    )
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, BASE, CANDIDATES), NOISE, kinds)
+    scores, contributions = score_folds(data, fits, CANDIDATES, NOISE)
+    # Every block of both kinds of rows of a joint is read twice, to fit and to score, however many kinds of folds ask.
+    assert sum(read) == (2 * 2 * JOINTS * STRETCHES if expected > 1 else 0)
+    for (before, each), kind in zip(scores, kinds, strict=True):
+        alone, theirs = score_candidates(data, BASE, CANDIDATES, NOISE, kind)
+        np.testing.assert_allclose(before, alone, rtol=1e-9)
+        for mine, other in zip(each, theirs, strict=True):
+            np.testing.assert_allclose(mine.after, other.after, rtol=1e-9)
+    for mine, other in zip(contributions, compute_contributions(data, BASE, CANDIDATES, NOISE), strict=True):
+        np.testing.assert_allclose(np.abs(mine), np.abs(other), atol=1e-9)
+
+
+def test_rows_of_many_joints_take_half_the_memory_and_give_the_same_scores(monkeypatch):
+    exact = gathered(1000)
+    monkeypatch.setattr(inner_product_accumulation, "_MOST_PRODUCTS", 0)
+    data = gathered(1000)
+    stacks = [stack for own in data.stacks for stack in own if isinstance(stack, RowStack)]
+    assert {stack.columns.dtype for stack in stacks} == {np.dtype(np.float32)}
+    ours, theirs = (score_candidates(own, BASE, CANDIDATES, NOISE, "interleaved") for own in (data, exact))
+    np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-5)
+    for mine, other in zip(ours[1], theirs[1], strict=True):
+        np.testing.assert_allclose(mine.after, other.after, rtol=1e-5)
+        np.testing.assert_allclose(mine.measured, other.measured, rtol=1e-6)
+    places = np.arange(5)
+    mine_of_all, theirs_of_all = (
+        [own.take_products(0, places[:, None], places), own.sum_products(0, places, places)] for own in (data, exact)
+    )
+    for single, double in zip(mine_of_all, theirs_of_all, strict=True):
+        assert single.dtype == np.float64
+        np.testing.assert_allclose(single, double, atol=1e-5)
 
 
 def test_single_products_are_the_same_of_both():

@@ -374,7 +374,7 @@ def _search_effects(
     for contact in contacts:
         start = start.add_finding(contact)
     start = start.estimate_noise() if contacts else start
-    family = score_family(start, pool.initial_candidates)
+    family = score_family(start, pool.initial_candidates, None if earlier is None else earlier.family)
     record = search_findings(start, family, rows, scale_progress(progress, 0.5, 1.0), earlier)
     settle_findings(record)
     return _Search(start, family, record)
@@ -402,7 +402,8 @@ def _refine_search(
     # Beside the same constants, and without a new line, it would end where it ended.
     if more_leads is leads and last == before:
         return None
-    return more_leads, EarlierSearch(search.start.pool, [finding for finding, _ in lasting], last, record.losses)
+    staying = [finding for finding, _ in lasting]
+    return more_leads, EarlierSearch(search.start.pool, search.family, staying, last, record.losses)
 
 
 class _Refined(NamedTuple):

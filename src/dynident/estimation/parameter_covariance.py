@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from dynident.array_types import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.estimation.least_squares import (
     Solution,
     build_weighted_factor,
@@ -47,6 +47,9 @@ _ALONE = 0.95
 """Largest share of the information in some direction that one block may hold. Above it, the other blocks cannot tell
 how far off that block is, and the direction is taken to be as uncertain as the others are on average.
 """
+
+# Numbers in what blocks that are left out at once take: a few arrays of that size stay in the cache.
+_MOST_NUMBERS = 2**19
 
 # Largest number of degrees of freedom: as good as infinite to Student's t.
 _SURE = 1e6
@@ -93,15 +96,27 @@ def estimate_cluster_covariance(
     adds its own. All is done in coordinates in which B is one.
     """
     root = solution.root
-    informations = _compute_informations(reduction, solution, root)
     if scores is None:
         scores = _compute_scores(reduction, solution) @ root
     # A block in which no equation has rows has no score. It would only raise the number of clusters.
-    filled = find_occupied_blocks(reduction)
-    scores, informations = scores[filled], informations[filled]
+    filled = np.flatnonzero(find_occupied_blocks(reduction))
+    scores = scores[filled]
     count, size = scores.shape
-    amplified, dominated = _leave_out_blocks(informations)
-    steps = np.einsum("sij,sj->si", amplified, scores)
+    # In these coordinates a parameter is a linear form. Forms of unit length give variances of about one, whatever the
+    # parameter's unit; their ratio alone matters for the degrees of freedom.
+    directions = root / np.maximum(np.linalg.norm(root, axis=1), np.finfo(float).tiny)[:, None]
+    steps, dominated = np.zeros_like(scores), np.zeros((size, size))
+    pulls, moved = np.zeros((count, len(root))), np.zeros((count, size, len(root)))
+    together = max(1, _MOST_NUMBERS // max(size, 1) ** 2)
+    for first in range(0, count, together):
+        where = slice(first, first + together)
+        informations = _compute_informations(reduction, solution, root, filled[where])
+        amplified, alone = _leave_out_blocks(informations)
+        dominated += alone
+        steps[where] = np.einsum("sij,sj->si", amplified, scores[where])
+        u = amplified @ directions.T
+        moved[where] = informations @ u
+        pulls[where] = np.einsum("sik,sik->sk", u, moved[where])
     inner = (count - 1) / count * steps.T @ steps
     # Directions that only one block determines get the average variance of the others, but no less than independent
     # rows would have.
@@ -112,16 +127,10 @@ def estimate_cluster_covariance(
         rows = solution.known.factor @ root
         known = rows.T @ rows
     covariance = root @ (inner + assumed + known) @ root.T
-    # In these coordinates a parameter is a linear form. Forms of unit length give variances of about one, whatever the
-    # parameter's unit; their ratio alone matters for the degrees of freedom.
-    directions = root / np.maximum(np.linalg.norm(root, axis=1), np.finfo(float).tiny)[:, None]
     variances = [np.einsum("ki,ij,kj->k", directions, part, directions) for part in (inner, assumed, known)]
     from_steps, from_assumption, from_knowledge = (np.maximum(part, 0.0) for part in variances)
     # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
-    doubt = (
-        from_steps**2 / np.maximum(_compute_satterthwaite_freedom(informations, amplified, directions), 1.0)
-        + from_assumption**2
-    )
+    doubt = from_steps**2 / np.maximum(_compute_satterthwaite_freedom(pulls, moved), 1.0) + from_assumption**2
     freedom = (from_steps + from_assumption + from_knowledge) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
     return ClusterCovariance(0.5 * (covariance + covariance.T), np.clip(freedom, 1.0, _SURE))
 
@@ -154,14 +163,14 @@ def _compute_scores(reduction: Reduction, solution: Solution) -> FloatArray:
     return scores
 
 
-def _compute_informations(reduction: Reduction, solution: Solution, root: FloatArray) -> FloatArray:
-    """Return rootᵀ A_s root of every block (s, f, f)."""
+def _compute_informations(reduction: Reduction, solution: Solution, root: FloatArray, blocks: IndexArray) -> FloatArray:
+    """Return rootᵀ A_s root of some blocks (s, f, f)."""
     f = root.shape[1]
-    informations = np.zeros((reduction.n_blocks, f, f))
+    informations = np.zeros((len(blocks), f, f))
     for equation, sigma in zip(reduction.equations, solution.noise, strict=True):
         if not len(equation.counts):
             continue
-        rows = equation.factors[:, :, :-1] @ (root[equation.columns] / sigma)
+        rows = equation.factors[blocks, :, :-1] @ (root[equation.columns] / sigma)
         informations += rows.transpose(0, 2, 1) @ rows
     return informations
 
@@ -188,14 +197,12 @@ def remove_leverage(informations: FloatArray) -> FloatArray:
     return _leave_out_blocks(informations)[0]
 
 
-def _compute_satterthwaite_freedom(informations: FloatArray, away: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the degrees of freedom (c,) of the variance along directions (c, f), for independent unit residuals.
+def _compute_satterthwaite_freedom(own: FloatArray, v: FloatArray) -> FloatArray:
+    """Return the degrees of freedom (c,) of the variance along directions l (c, f), for independent unit residuals.
 
     With u_s = (1 - A_s)⁻¹ l the steps lᵀd_s have the covariance Ω = δ u_sᵀA_s u_s - u_sᵀA_s A_t u_t: (tr Ω)² / tr Ω².
+    Given are u_sᵀA_s u_s (s, c), and A_s u_s (s, f, c).
     """
-    u = away @ directions.T
-    v = informations @ u
-    own = np.einsum("sik,sik->sk", u, v)
     size = np.einsum("sik,sik->sk", v, v)
     trace = (own - size).sum(axis=0)
     stacked = v.transpose(2, 0, 1)

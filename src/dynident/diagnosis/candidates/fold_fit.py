@@ -280,6 +280,11 @@ class ProductSums:
     xy: FloatArray
     xx: tuple[FloatArray, ...]
 
+    def add(self, other: ProductSums) -> ProductSums:
+        """Return the products of the rows that are in either sum."""
+        xx = tuple(mine + theirs for mine, theirs in zip(self.xx, other.xx, strict=True))
+        return ProductSums(self.ww + other.ww, self.wx + other.wx, self.wy + other.wy, self.xy + other.xy, xx)
+
     def subtract(self, other: ProductSums) -> ProductSums:
         """Return the products of the rows that are in these sums and not in the others.
 

@@ -9,8 +9,9 @@ inner products that are computed once. Candidates with equally many columns are 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -52,6 +53,64 @@ class Score:
     measured: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class FoldedFits:
+    """Candidates beside a model that is fitted to all blocks, and without each fold, in some kinds of folds.
+
+    Parameters
+    ----------
+    blocks : JointBlocks
+        Rows or products of all joints.
+    whole : FoldFit
+        The fit to all blocks.
+    fits : tuple of tuple of FoldFit
+        The fit without each fold, by kind.
+    cells : tuple of ((b,), tuple of int)
+        Blocks that are in the same fold in every kind, ascending, and the numbers of these folds.
+    """
+
+    blocks: JointBlocks
+    whole: FoldFit
+    fits: tuple[tuple[FoldFit, ...], ...]
+    cells: tuple[tuple[IndexArray, tuple[int, ...]], ...]
+
+    @classmethod
+    def from_blocks(cls, data: Products, blocks: JointBlocks, noise: FloatArray, kinds: Sequence[str]) -> FoldedFits:
+        """Fit all of them; every row is multiplied once, whatever the number of kinds."""
+        folds = [split_data_folds(data, kind) for kind in kinds]
+        cells = _cross_folds(folds, blocks.n_blocks)
+        sums = [blocks.select_blocks(own).sum_products(noise) for own, _ in cells]
+        total = reduce(ProductSums.add, sums)
+        fits = []
+        for k, each in enumerate(folds):
+            # Sums over the training blocks are those of all blocks minus those left out.
+            left_out = [
+                reduce(ProductSums.add, (own for own, (_, numbers) in zip(sums, cells, strict=True) if numbers[k] == n))
+                for n in range(len(each))
+            ]
+            fits.append(tuple(FoldFit(total.subtract(own), blocks.portions) for own in left_out))
+        return cls(blocks, FoldFit(total, blocks.portions), tuple(fits), cells)
+
+    def read_cells(self) -> Iterator[tuple[int, IndexArray, JointBlock, tuple[FoldFit, ...]]]:
+        """Yield joint, blocks, their rows or products, and the fit without them by kind; rows are read once."""
+        for j, joint in enumerate(self.blocks.joints):
+            for own, numbers in self.cells:
+                fits = tuple(fits[n] for fits, n in zip(self.fits, numbers, strict=True))
+                yield j, own, joint.select_blocks(own).hold_rows(), fits
+
+
+def _cross_folds(
+    folds: Sequence[Sequence[IndexArray]], n_blocks: int
+) -> tuple[tuple[IndexArray, tuple[int, ...]], ...]:
+    """Return the blocks that are in the same fold in every kind, and the numbers of these folds."""
+    numbers = np.zeros((len(folds), n_blocks), dtype=np.intp)
+    for own, each in zip(numbers, folds, strict=True):
+        for k, fold in enumerate(each):
+            own[fold] = k
+    cells, member = np.unique(numbers, axis=1, return_inverse=True)
+    return tuple((np.flatnonzero(member.ravel() == k), tuple(cell.tolist())) for k, cell in enumerate(cells.T))
+
+
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
     """Return the squared error (s, n) of the model alone in every block, fitted without the fold of the block."""
     return score_candidates(data, base, (), noise, kind)[0]
@@ -67,51 +126,51 @@ def score_candidates(
     tuple of (s, n), list of Score
         Squared errors of the model alone, and a score for every candidate.
     """
-    blocks = JointBlocks.from_products(data, base, candidates)
-    return score_blocks(data, blocks, blocks.sum_products(noise), candidates, noise, kind)
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, base, candidates), noise, (kind,))
+    ((scored,), _) = score_folds(data, fits, candidates, noise)
+    return scored
 
 
-def score_blocks(
-    data: Products,
-    blocks: JointBlocks,
-    total: ProductSums,
-    candidates: Sequence[Candidate],
-    noise: FloatArray,
-    kind: str,
-) -> tuple[FloatArray, list[Score]]:
-    """Return the same as `score_candidates`, from blocks and their sums that are at hand.
+def score_folds(
+    data: Products, fits: FoldedFits, candidates: Sequence[Candidate], noise: FloatArray
+) -> tuple[list[tuple[FloatArray, list[Score]]], list[FloatArray]]:
+    """Score every candidate in some kinds of folds, and by the scores of its parameters.
 
     Returns
     -------
-    tuple of (s, n), list of Score
-        Squared errors of the model alone, and a score for every candidate.
+    tuple of list, list of (s, k)
+        What `score_candidates` returns, by kind; and what `compute_contributions` returns.
     """
-    s, n = data.n_blocks, data.n_joints
-    before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
+    s, n, blocks = data.n_blocks, data.n_joints, fits.blocks
+    before = [np.zeros((s, n)) for _ in fits.fits]
+    after = [np.zeros((len(candidates), s, n)) for _ in fits.fits]
+    sums = np.zeros((s, blocks.n_extra))
     # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
-    for left_out in split_data_folds(data, kind):
-        here = blocks.select_blocks(left_out)
-        # Sums over the training blocks are those of all blocks minus those left out: no product is summed twice.
-        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
-        amplitudes = blocks.fit_amplitudes(fit)
-        for j, block in enumerate(here.joints):
+    amplitudes_of_fit = {fit: blocks.fit_amplitudes(fit) for each in fits.fits for fit in each}
+    for j, own, block, left_out in fits.read_cells():
+        if len(members):
+            sums[own] += block.compute_errors(fits.whole).compute_scores() / noise[j] ** 2
+        for k, fit in enumerate(left_out):
             errors = block.compute_errors(fit)
-            before[left_out, j] = errors.alone
+            before[k][own, j] = errors.alone
             if len(members):
-                after[members[:, None], left_out, j] = errors.compute_errors_with(amplitudes)
+                after[k][members[:, None], own, j] = errors.compute_errors_with(amplitudes_of_fit[fit])
     # What is reported of a candidate comes from all data; only its errors are held out.
-    whole = FoldFit(total, blocks.portions)
-    separability, amplitudes_of = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
+    separability, amplitudes = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
-        separability[portion.members] = whole.compute_separability(number)
-        for member, own in zip(portion.members, whole.fit_amplitudes(number), strict=True):
-            amplitudes_of[member] = own
+        separability[portion.members] = fits.whole.compute_separability(number)
+        for member, values in zip(portion.members, fits.whole.fit_amplitudes(number), strict=True):
+            amplitudes[member] = values
     measured = data.torque_squared()
-    return before, [
-        Score(candidate, before, after[k], float(separability[k]), amplitudes_of[k], measured)
-        for k, candidate in enumerate(candidates)
+    scores = [
+        [
+            Score(candidate, alone, each[k], float(separability[k]), amplitudes[k], measured)
+            for k, candidate in enumerate(candidates)
+        ]
+        for alone, each in zip(before, after, strict=True)
     ]
+    return list(zip(before, scores, strict=True)), _distribute_scores(fits.whole, sums, len(candidates))
 
 
 def compute_contributions(
@@ -124,19 +183,21 @@ def compute_contributions(
     nothing, and its square is what the candidate removes where it does.
     """
     blocks = JointBlocks.from_products(data, base, candidates)
-    return compute_block_contributions(blocks, blocks.sum_products(noise), len(candidates), noise)
+    return _compute_contributions(blocks, FoldFit(blocks.sum_products(noise), blocks.portions), len(candidates), noise)
 
 
-def compute_block_contributions(
-    blocks: JointBlocks, total: ProductSums, count: int, noise: FloatArray
-) -> list[FloatArray]:
-    """Return the same as `compute_contributions` for `count` candidates, from blocks and their sums."""
-    fit = FoldFit(total, blocks.portions)
+def _compute_contributions(blocks: JointBlocks, fit: FoldFit, count: int, noise: FloatArray) -> list[FloatArray]:
+    """Return the same as `compute_contributions` for `count` candidates, from blocks and the fit to them."""
     sums = np.zeros((blocks.n_blocks, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
         sums += block.compute_errors(fit).compute_scores() / sigma**2
+    return _distribute_scores(fit, sums, count)
+
+
+def _distribute_scores(fit: FoldFit, sums: FloatArray, count: int) -> list[FloatArray]:
+    """Return the scores (s, k) of each candidate in unit directions, from those of all columns (s, c)."""
     scores = [np.zeros((0, 0))] * count
-    for number, portion in enumerate(blocks.portions):
+    for number, portion in enumerate(fit.portions):
         for member, columns, unit in zip(
             portion.members, portion.columns, fit.compute_unit_directions(number), strict=True
         ):
@@ -150,9 +211,8 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
     From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
-    total = blocks.sum_products(noise)
-    scores = compute_block_contributions(blocks, total, count, noise)
-    fit = FoldFit(total, blocks.portions)
+    fit = FoldFit(blocks.sum_products(noise), blocks.portions)
+    scores = _compute_contributions(blocks, fit, count, noise)
     # The correction for few clusters, m / (m - 1).
     more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
     deviations_of = [np.zeros(0)] * count
@@ -200,14 +260,22 @@ def compute_block_products(block: JointBlock, fit: FoldFit) -> tuple[FloatArray,
     projection = fit.projection[block.have]
     if isinstance(block, RowBlock):
         has = np.flatnonzero(block.place < block.n_columns)
-        products = [np.empty((len(own.members), len(block.blocks), own.width, own.width)) for own in fit.portions]
+        # Nothing is left of columns that neither the joint nor the model's parameters on it have a share in.
+        is_shared = np.asarray(projection.any(axis=0))
+        is_shared[has] = True
+        shared = np.flatnonzero(is_shared)
+        products = [np.zeros((len(own.members), len(block.blocks), own.width, own.width)) for own in fit.portions]
         for rows in block.read_rows():
-            rest = -(projection.T @ rows.w)
+            rest = np.zeros((len(is_shared), rows.w.shape[1]))
+            rest[shared] = -(projection[:, shared].T @ rows.w)
             rest[has] += rows.x[block.place[has]]
             for portion, own_products in zip(fit.portions, products, strict=True):
-                own = rest[portion.columns]
+                members = np.flatnonzero(is_shared[portion.columns].any(axis=1))
+                own = rest[portion.columns[members]]
                 pairs = own[:, :, None, :] * own[:, None, :, :]
-                own_products[:, rows.blocks] = rows.add_up(pairs).transpose(0, 3, 1, 2)
+                own_products[members[:, None], np.arange(rows.blocks.start, rows.blocks.stop)] = rows.add_up(
+                    pairs
+                ).transpose(0, 3, 1, 2)
         return tuple(products)
     assert isinstance(block, ProductBlock)
     products = []

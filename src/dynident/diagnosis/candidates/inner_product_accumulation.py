@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,8 @@ _MOST_ROWS = 48
 their products (`benchmarks/rows_or_products.py`)."""
 
 _MOST_PRODUCTS = 2**26
-"""Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers."""
+"""Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers, and in four bytes
+each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
 
 
 class BlockNumbering:
@@ -118,8 +120,9 @@ class RowAccumulator:
 
     def __init__(self, widths: Sequence[int], kinds: int, expected: int) -> None:
         expected = max(expected, 1)
-        self._joints = [[_JointAccumulator(width + 1, expected) for _ in range(kinds)] for width in widths]
         is_large = sum((width + 1) ** 2 for width in widths) * expected > _MOST_PRODUCTS
+        number = np.dtype(np.float32 if is_large else np.float64)
+        self._joints = [[_JointAccumulator(width + 1, expected, number) for _ in range(kinds)] for width in widths]
         # A block of more rows than columns has fewer products.
         self._capacities = [max(_MOST_ROWS, is_large * (width + 1)) * expected for width in widths]
 
@@ -156,10 +159,10 @@ def _fold_kinds(kinds: Sequence[_JointAccumulator]) -> None:
 class _JointAccumulator:
     """Rows of one kind and joint: those that are pending, column by column, and the products of those before."""
 
-    def __init__(self, width: int, expected: int) -> None:
+    def __init__(self, width: int, expected: int, number: np.dtype[Any]) -> None:
         self._expected = expected
         # Grows as rows come: pieces that are joined at the end would take twice the memory.
-        self._columns = np.empty((width, 0))
+        self._columns = np.empty((width, 0), dtype=number)
         self._row_block: list[IndexArray] = []
         self._products: FloatArray | None = None
         self._counts = np.zeros(0)
@@ -174,7 +177,7 @@ class _JointAccumulator:
         if len(rows):
             first, last = self.n_pending, self.n_pending + len(rows)
             if last > self._columns.shape[1]:
-                longer = np.empty((len(self._columns), max(2 * first, last)))
+                longer = np.empty((len(self._columns), max(2 * first, last)), dtype=self._columns.dtype)
                 longer[:, :first] = self._columns[:, :first]
                 self._columns = longer
             self._columns[:, first:last] = rows.T
@@ -200,7 +203,8 @@ class _JointAccumulator:
         edges = np.flatnonzero(np.diff(row_block)) + 1
         for own, part in zip(np.split(row_block, edges), np.split(columns, edges, axis=1), strict=True):
             if len(own):
-                self._products[own[0]] += part @ part.T
+                exact = part.astype(np.float64, copy=False)
+                self._products[own[0]] += exact @ exact.T
 
     def stack(self, n_blocks: int) -> Stack:
         """Return all rows as a stack."""
@@ -218,7 +222,7 @@ class _JointAccumulator:
         columns, row_block = self._columns[:, : self.n_pending], np.zeros(0, dtype=np.intp)
         if self._row_block:
             row_block = np.concatenate(self._row_block)
-        self._columns, self._row_block, self.n_pending = np.empty((len(columns), 0)), [], 0
+        self._columns, self._row_block, self.n_pending = np.empty((len(columns), 0), dtype=columns.dtype), [], 0
         # A periodic motion comes back to earlier blocks, so that rows do not come in the order of their blocks.
         if (np.diff(row_block) < 0).any():
             order = np.argsort(row_block, kind="stable")

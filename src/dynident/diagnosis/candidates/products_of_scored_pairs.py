@@ -97,6 +97,10 @@ class ProductBlock:
         pairs = tuple(own[blocks] for own in self.pairs)
         return ProductBlock(self.have, self.place, ww, wx, wy, xy, yy, pairs, self.portions)
 
+    def hold_rows(self) -> ProductBlock:
+        """Return the same: what there is of the rows is at hand."""
+        return self
+
     def sum_products(self) -> JointSums:
         """Return the sums over all blocks."""
         return JointSums(
@@ -196,6 +200,8 @@ class RowBlock:
         Products within candidates that the joint has a share in.
     own : OwnColumns
         Candidates that have columns of their own on the joint.
+    held : tuple of JointRows
+        The rows, where they were read to be used several times.
     """
 
     have: IndexArray
@@ -205,6 +211,7 @@ class RowBlock:
     blocks: IndexArray
     pairs: Pairs
     own: OwnColumns
+    held: tuple[JointRows, ...] = ()
 
     @classmethod
     def from_stacks(
@@ -230,10 +237,17 @@ class RowBlock:
 
     def select_blocks(self, blocks: IndexArray) -> RowBlock:
         """Return the same for some of the blocks, ascending."""
-        return replace(self, blocks=self.blocks[blocks])
+        return replace(self, blocks=self.blocks[blocks], held=())
+
+    def hold_rows(self) -> RowBlock:
+        """Return the same with its rows, for several uses of the same few blocks."""
+        return replace(self, held=tuple(self.read_rows()))
 
     def read_rows(self) -> Iterator[JointRows]:
         """Yield the rows, some blocks at a time."""
+        if self.held:
+            yield from self.held
+            return
         ends = np.cumsum(sum(stack.count_rows(self.blocks) for stack in self.stacks))
         most = max(1, _MOST_VALUES // len(self.needed))
         first, w = 0, len(self.have)
@@ -272,23 +286,24 @@ class RowErrors:
     """What `ProductErrors` are, from the rows themselves."""
 
     def __init__(self, block: RowBlock, fit: FoldFit) -> None:
-        self._block, self._chi, self._projection = block, fit.chi[block.have], fit.projection[block.have]
+        self._block, self._chi, self._fit = block, fit.chi[block.have], fit
         self._has = np.flatnonzero(block.place < block.n_columns)
 
     @cached_property
     def alone(self) -> FloatArray:
         """Squared errors (s,) of the model alone."""
         errors = np.zeros(len(self._block.blocks))
-        for rows in replace(self._block, needed=self._block.needed[[*range(len(self._chi)), -1]]).read_rows():
+        for rows in self._block.read_rows():
             errors[rows.blocks] = rows.add_up(self._leave_rest(rows) ** 2)
         return errors
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
-        scores = np.zeros((len(self._block.blocks), self._projection.shape[1]))
+        projection = self._fit.projection[self._block.have]
+        scores = np.zeros((len(self._block.blocks), projection.shape[1]))
         for rows in self._block.read_rows():
             rest = self._leave_rest(rows)
-            scores[rows.blocks] = -rows.add_up(rows.w * rest).T @ self._projection
+            scores[rows.blocks] = -rows.add_up(rows.w * rest).T @ projection
             scores[rows.blocks, self._has] += rows.add_up(rows.x * rest).T
         return scores
 
@@ -363,6 +378,9 @@ class JointBlock(Protocol):
 
     def select_blocks(self, blocks: IndexArray) -> JointBlock:
         """Return the same for some of the blocks."""
+
+    def hold_rows(self) -> JointBlock:
+        """Return the same, with rows that are read once for all uses."""
 
     def sum_products(self) -> JointSums:
         """Return the sums over all blocks."""

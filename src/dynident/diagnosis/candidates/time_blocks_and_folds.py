@@ -59,7 +59,8 @@ class RowStack:
     """The rows [W | Y] themselves.
 
     Where a block has fewer rows than the model columns, these are fewer numbers than their products, and quicker to
-    read a score from. They are stored as `columns` (p + 1, m), of which a score takes some.
+    read a score from. They are stored as `columns` (p + 1, m), of which a score takes some; where there are very many
+    in numbers of four bytes, which are summed in eight.
 
     Parameters
     ----------
@@ -77,12 +78,13 @@ class RowStack:
     @cached_property
     def total(self) -> FloatArray:
         """Products (p + 1, p + 1) over all blocks."""
-        return np.asarray(self.columns @ self.columns.T)
+        columns = self.columns.astype(np.float64, copy=False)
+        return np.asarray(columns @ columns.T)
 
     @property
     def torque_squared(self) -> float:
         """Sum of the squared torque."""
-        return float((self.columns[-1] ** 2).sum())
+        return float((self.columns[-1].astype(np.float64) ** 2).sum())
 
     def read_blocks(self, needed: IndexArray, blocks: IndexArray) -> tuple[FloatArray, IndexArray]:
         """Return some columns (c, m) of the rows in some blocks, and the place (m,) of each row's block among these.
@@ -115,7 +117,7 @@ class RowStack:
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (s, *shape) at these places, whose shapes are broadcast."""
         first, second = np.broadcast_arrays(rows, columns)
-        each = self.columns[first.ravel()] * self.columns[second.ravel()]
+        each = self.columns[first.ravel()].astype(np.float64, copy=False) * self.columns[second.ravel()]
         return sum_by_block(each, self.row_block, self.n_blocks).T.reshape(self.n_blocks, *first.shape)
 
 

@@ -21,9 +21,9 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
-from dynident.diagnosis.candidates.held_out_scores import compute_block_products
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
+from dynident.diagnosis.candidates.fold_fit import FoldFit
+from dynident.diagnosis.candidates.held_out_scores import FoldedFits, compute_block_products
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlock, JointBlocks
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
 from dynident.diagnosis.decision_levels import RULES
@@ -45,6 +45,8 @@ _SMALLEST = 0.003
 # accepts halves its interval in the logarithm so often: a limit is known to within 4 %.
 _DRAWS, _HALVINGS = 50, 8
 _SEED = 43
+# Stands for all joints together, behind those of the robot.
+_ALL = -1
 # Effects that are judged at once: what they take of memory stays in the cache.
 _TOGETHER = 8
 
@@ -332,8 +334,7 @@ class _Batch:
 
     def find_thresholds(self) -> FloatArray:
         """Return (c, d): the smallest share of the usual size that each draw accepts; infinite where none is."""
-        shape = len(self.planted), _DRAWS
-        low, high = np.full(shape, math.log(_SMALLEST)), np.full(shape, math.log(LARGEST))
+        low, high = (np.full((len(self.planted), _DRAWS), math.log(end)) for end in (_SMALLEST, LARGEST))
         is_ever = self.find_accepted(np.exp(high))
         # All draws halve their own intervals at once.
         for _ in range(_HALVINGS):
@@ -383,32 +384,36 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
     """Yield what is needed to plant each of some candidates that are about the same rows."""
     state, pool = final.state, final.state.pool
     blocks = JointBlocks.from_products(rows, state.columns, members)
-    total = blocks.sum_products(state.noise)
-    fit = FoldFit(total, blocks.portions)
+    fits = FoldedFits.from_blocks(rows, blocks, state.noise, KINDS)
     acting = find_acting_columns(pool)
-    fitted_scores = [block.compute_errors(fit).compute_scores() for block in blocks.joints]
-    fitted_squares = [compute_block_products(block, fit) for block in blocks.joints]
-    kinds = [_hold_out(blocks, total, tuple(split_data_folds(rows, kind)), state.noise) for kind in KINDS]
-    weights = 1.0 / state.noise**2
+    acts = [np.array([acting[list(members[k].columns)].any(axis=0) for k in each.members]) for each in blocks.portions]
+    fitted, *kinds = (_BlockSums.from_portions(blocks, acts) for _ in range(len(KINDS) + 1))
+    # Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
+    # seen, and held-out errors show an effect by that.
+    for j, own, block, left_out in fits.read_cells():
+        for sums, fit in zip((fitted, *kinds), (fits.whole, *left_out), strict=True):
+            sums.add_joint(j, own, block, fit, 1.0 / state.noise[j] ** 2)
+    folds = [tuple(split_data_folds(rows, kind)) for kind in KINDS]
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
-        unit, separability = fit.compute_unit_directions(number), fit.compute_separability(number)
+        unit, separability = fits.whole.compute_unit_directions(number), fits.whole.compute_separability(number)
         for place, (member, columns) in enumerate(zip(portion.members, portion.columns, strict=True)):
             candidate = members[member]
             usual, _ = _get_usual(pool, candidate)
-            joints = np.flatnonzero(acting[list(candidate.columns)].any(axis=0))
+            joints = np.flatnonzero(acts[number][place])
             if len(candidate.joints) == 1 and not get_effect(candidate.effect).pulls_on_each:
                 # An effect of one joint that acts on others too: the joint that it moves most, in units of the noise.
-                own = [weights[j] * np.trace(fitted_squares[j][number][place].sum(axis=0)) for j in joints]
-                joints = joints[[int(np.argmax(own))]]
-            every = range(len(weights))
+                moved = [
+                    np.einsum("skk->", fitted.squares[number, place, int(j)]) / state.noise[j] ** 2 for j in joints
+                ]
+                joints = joints[[int(np.argmax(moved))]]
             yield _PlantedEffect(
                 candidate,
                 np.array([usual.get(pool.observation.columns[k].parameter, 0.0) for k in candidate.columns]),
                 _list_least_sizes(pool, candidate),
-                tuple(kind.take_candidate(number, place, columns, joints, weights) for kind in kinds),
-                np.asarray(sum(weights[j] * fitted_squares[j][number][place] for j in every)),
-                np.asarray(sum(weights[j] * fitted_scores[j][:, columns] for j in every)),
+                tuple(k.take_candidate(number, place, columns, joints, f) for k, f in zip(kinds, folds, strict=True)),
+                fitted.squares[number, place, _ALL],
+                fitted.scores[-1][:, columns],
                 np.maximum(counts[joints] * state.floor[joints] ** 2, np.finfo(float).tiny),
                 unit[place],
                 float(separability[place]),
@@ -418,50 +423,49 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
 
 
 @dataclass(frozen=True, eq=False)
-class _HeldOutBlocks:
-    """Products of all candidates in one kind of folds: ρᵀρ (s,), Zᵀρ (s, c), ZᵀZ by portion (g, s, k, k) a joint."""
+class _BlockSums:
+    """Products of all candidates beside one kind of fits, by block; behind the joints all together, in units of noise.
 
-    errors: list[FloatArray]
-    scores: list[FloatArray]
-    squares: list[list[FloatArray]]
-    folds: tuple[IndexArray, ...]
+    ρᵀρ (n + 1, s), Zᵀρ (n + 1, s, c), and ZᵀZ (s, k, k) by portion, place in it, and joint: those that the candidate
+    acts on (g, n), and all together, which are parts of one array a portion.
+    """
+
+    errors: FloatArray
+    scores: FloatArray
+    squares: dict[tuple[int, int, int], FloatArray]
+    acts: Sequence[BoolArray]
+    together: Sequence[FloatArray]
+
+    @classmethod
+    def from_portions(cls, blocks: JointBlocks, acts: Sequence[BoolArray]) -> _BlockSums:
+        """Return zeros for candidates that act on some joints (g, n), by portion."""
+        s, joints = blocks.n_blocks, len(blocks.joints) + 1
+        together = [np.zeros((len(own.members), s, own.width, own.width)) for own in blocks.portions]
+        squares: dict[tuple[int, int, int], FloatArray] = {}
+        for number, (own, whole) in enumerate(zip(acts, together, strict=True)):
+            squares |= {(number, place, j): np.zeros_like(whole[0]) for place, j in np.argwhere(own).tolist()}
+            squares |= {(number, place, _ALL): mine for place, mine in enumerate(whole)}
+        return cls(np.zeros((joints, s)), np.zeros((joints, s, blocks.n_extra)), squares, acts, together)
+
+    def add_joint(self, joint: int, where: IndexArray, block: JointBlock, fit: FoldFit, weight: float) -> None:
+        """Add what one joint has in some blocks; each block of a joint comes once."""
+        errors = block.compute_errors(fit)
+        for sums, own in ((self.errors, errors.alone), (self.scores, errors.compute_scores())):
+            sums[joint, where] = own
+            sums[_ALL, where] += weight * own
+        for number, products in enumerate(compute_block_products(block, fit)):
+            self.together[number][:, where] += weight * products
+            for place in np.flatnonzero(self.acts[number][:, joint]).tolist():
+                self.squares[number, place, joint][where] = products[place]
 
     def take_candidate(
-        self, number: int, place: int, columns: IndexArray, joints: IndexArray, weights: FloatArray
+        self, number: int, place: int, columns: IndexArray, joints: IndexArray, folds: tuple[IndexArray, ...]
     ) -> _HeldOut:
-        """Take one candidate of a portion, on some joints and on all together in units of the noise."""
-
-        def stack(each: Sequence[FloatArray]) -> FloatArray:
-            whole = np.asarray(sum(weight * own for weight, own in zip(weights, each, strict=True)))
-            return np.stack([*(each[j] for j in joints), whole], axis=1)
-
-        squares = stack([own[number][place] for own in self.squares])
-        return _HeldOut(squares, stack([own[:, columns] for own in self.scores]), stack(self.errors), self.folds)
-
-
-def _hold_out(
-    blocks: JointBlocks, total: ProductSums, folds: tuple[IndexArray, ...], noise: FloatArray
-) -> _HeldOutBlocks:
-    """Return the products of each block beside the model fitted without its fold.
-
-    Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
-    seen, and held-out errors show an effect by that.
-    """
-    s, c, n = blocks.n_blocks, blocks.n_extra, len(blocks.joints)
-    errors, scores = [np.zeros(s) for _ in range(n)], [np.zeros((s, c)) for _ in range(n)]
-    squares = [
-        [np.zeros((len(portion.members), s, portion.width, portion.width)) for portion in blocks.portions]
-        for _ in range(n)
-    ]
-    for fold in folds:
-        here = blocks.select_blocks(fold)
-        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
-        for j, block in enumerate(here.joints):
-            joint_errors = block.compute_errors(fit)
-            errors[j][fold], scores[j][fold] = joint_errors.alone, joint_errors.compute_scores()
-            for own, products in zip(squares[j], compute_block_products(block, fit), strict=True):
-                own[:, fold] = products
-    return _HeldOutBlocks(errors, scores, squares, folds)
+        """Take one candidate of a portion, on some joints and on all together."""
+        index = [*joints.tolist(), _ALL]
+        squares = np.stack([self.squares[number, place, j] for j in index], axis=1)
+        scores = self.scores[index][:, :, columns].transpose(1, 0, 2)
+        return _HeldOut(squares, scores, self.errors[index].T, folds)
 
 
 def _find_thresholds(planted: Sequence[_PlantedEffect]) -> Iterator[tuple[_PlantedEffect, FloatArray]]:

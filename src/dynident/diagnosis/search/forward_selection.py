@@ -112,9 +112,13 @@ def is_of_position(finding: Finding) -> bool:
 
 
 class EarlierSearch(NamedTuple):
-    """What a search leaves to one that goes on where it ended; its rows, of which there are many, are gone by then."""
+    """What a search leaves to one that goes on where it ended; its rows, of which there are many, are gone by then.
+
+    `family` are the scores beside the model alone, which are the same in both.
+    """
 
     pool: Pool
+    family: ScoredFamily
     findings: Sequence[Finding]
     choices: Sequence[EffectChoice]
     losses: Mapping[EffectChoice, Loss]

@@ -10,12 +10,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.fold_fit import ProductSums
-from dynident.diagnosis.candidates.held_out_scores import (
-    compute_block_contributions,
-    compute_held_out_errors,
-    score_blocks,
-)
+from dynident.diagnosis.candidates.held_out_scores import FoldedFits, compute_held_out_errors, score_folds
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
@@ -184,7 +179,7 @@ def score_all(
     scored = {
         k: each
         for rows in _group_by_rows(state, candidates, kinds)
-        for k, each in zip(rows.members, _score_same_rows(rows, state), strict=True)
+        for k, each in zip(rows.members, _score_same_rows(rows, state)[0], strict=True)
     }
     return [scored[k] for k in range(len(candidates))]
 
@@ -226,7 +221,8 @@ def score_family(
     candidates : sequence of Candidate
         Candidates to score.
     earlier : ScoredFamily, optional
-        Scores beside a model that differs on some joints: they stay for candidates that act on none of these.
+        Scores beside a model that differs on some joints, or on none: they stay for candidates that act on none of
+        these.
     changed : collection of int
         Indices of these joints.
 
@@ -238,10 +234,9 @@ def score_family(
     known = {} if earlier is None else dict(zip(earlier.scored, earlier.contributions, strict=True))
     pairs = {each.candidate: (each, own) for each, own in known.items() if set(changed).isdisjoint(each.joints)}
     stale = [candidate for candidate in candidates if candidate not in pairs]
-    is_fresh = len(stale) == len(candidates)
+    is_fresh = len(stale) == len(candidates) or (earlier is not None and earlier.is_fresh and not changed)
     for rows in _group_by_rows(state, stale, None):
-        each = compute_block_contributions(rows.blocks, rows.total, len(rows.members), state.noise)
-        for scored, own in zip(_score_same_rows(rows, state), each, strict=True):
+        for scored, own in zip(*_score_same_rows(rows, state), strict=True):
             by_scores = state.pool.is_change(scored.candidate) or may_use_scores(scored.candidate)
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
             pairs[scored.candidate] = scored, own if by_scores else np.zeros_like(own)
@@ -266,43 +261,39 @@ def may_use_scores(candidate: Candidate) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _CommonRows:
-    """Candidates (by number) that are all about the same rows, with the products of these.
-
-    The sums over all blocks serve both kinds of folds and the test by scores.
-    """
+    """Candidates (by number) that are all about the same rows, with these."""
 
     members: list[int]
     candidates: list[Candidate]
     data: Products
-    blocks: JointBlocks
-    total: ProductSums
 
 
 def _group_by_rows(
     state: State, candidates: Sequence[Candidate], kinds: tuple[bool, bool] | None
 ) -> Iterator[_CommonRows]:
-    """Yield the candidates by their rows, so that the model's products are summed once for all that share them."""
+    """Yield the candidates by their rows: the model's products are summed once for all that share them."""
     # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
         sets.setdefault(kinds or state.data.find_row_kinds(candidate.columns), []).append(k)
     for used, members in sets.items():
         own = [candidates[k] for k in members]
-        rows = state.data.select_for_candidates(state.base, np.array(used))
-        blocks = JointBlocks.from_products(rows, state.columns, own)
-        yield _CommonRows(members, own, rows, blocks, blocks.sum_products(state.noise))
+        yield _CommonRows(members, own, state.data.select_for_candidates(state.base, np.array(used)))
 
 
-def _score_same_rows(rows: _CommonRows, state: State) -> list[ScoredCandidate]:
-    """Score candidates that are all about the same rows."""
+def _score_same_rows(rows: _CommonRows, state: State) -> tuple[list[ScoredCandidate], list[FloatArray]]:
+    """Score candidates that are all about the same rows; return what each block adds to their scores, too."""
     candidates, noise = rows.candidates, state.noise
-    scores_by_kind = [score_blocks(rows.data, rows.blocks, rows.total, candidates, noise, kind) for kind in KINDS]
+    blocks = JointBlocks.from_products(rows.data, state.columns, candidates)
+    fits = FoldedFits.from_blocks(rows.data, blocks, noise, KINDS)
+    scores_by_kind, contributions = score_folds(rows.data, fits, candidates, noise)
     bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
     acting = find_acting_columns(state.pool)
-    return [
+    scored = [
         combine_scores(pair, _list_joints(acting, candidate), noise, bars)
         for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
     ]
+    return scored, contributions
 
 
 def find_acting_columns(pool: Pool) -> BoolArray:
