@@ -367,6 +367,9 @@ class ModelResults(KnownNames):
     def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> FloatArray:
         """Return the acceleration under motor torques: the right side of a simulation.
 
+        Dry friction jumps where a joint turns round or stops. Integrate in steps of fixed size; integrators that choose
+        their steps, such as `scipy.integrate.solve_ivp`, take endlessly many at a joint that stops.
+
         Parameters
         ----------
         q, dq : (n,) or (m, n)
@@ -387,7 +390,9 @@ class ModelResults(KnownNames):
 
         Examples
         --------
-        >>> model.forward_dynamics(q, dq, tau)  # doctest: +SKIP
+        >>> for torque in torques:  # one row for each millisecond  # doctest: +SKIP
+        ...     dq = dq + 0.001 * model.forward_dynamics(q, dq, torque)
+        ...     q = q + 0.001 * dq
         """
         motion = read_motion(self.robot, q=q, dq=dq, tau=tau)
         self._check_no_memory()
