@@ -66,7 +66,8 @@ def test_a_parameter_that_is_only_in_sums_is_said_to_be_in_them(model: dy.Model)
         ("rnea", r"use predict\(q, dq, ddq\)"),
         ("crba", r"use mass_matrix\(q\)"),
         ("get_prediction", r"use predict\(.*interval=0\.95\)"),
-        ("compare_f_test", "use ladder"),
+        ("compare_lr_test", r"use compare_f_test\(smaller\)"),
+        ("aba", r"use forward_dynamics\(q, dq, tau\)"),
     ],
 )
 def test_names_of_other_packages_lead_to_ours(name: str, right: str, model: dy.Model) -> None:
@@ -239,6 +240,11 @@ def test_gravity_mass_matrix_and_coriolis_matrix_are_those_of_pinocchio(six: dy.
         np.testing.assert_allclose(six.gravity(q), gravity, atol=1e-6 * np.abs(gravity).max())
         coriolis = np.array(pin.computeCoriolisMatrix(model, data, q, dq))
         np.testing.assert_allclose(six.coriolis(q, dq), coriolis, atol=1e-6 * np.abs(coriolis).max())
+        tau = RNG.uniform(-50, 50, 6)
+        acceleration = pin.aba(model, data, q, dq, tau - six.friction(q, dq))
+        np.testing.assert_allclose(
+            six.forward_dynamics(q, dq, tau), acceleration, rtol=1e-5, atol=1e-6 * np.abs(acceleration).max()
+        )
 
 
 def _rotors(model: dy.Model) -> np.ndarray:
@@ -257,6 +263,43 @@ def test_the_terms_add_up_to_the_torque(model: dy.Model, state: tuple[np.ndarray
     total = inertial + model.gravity(q) + model.friction(q, dq)
     np.testing.assert_allclose(total, model.predict(q, dq, ddq), atol=1e-9)
     np.testing.assert_allclose(mass, np.swapaxes(mass, 1, 2), atol=1e-12)
+
+
+def test_the_acceleration_is_the_one_whose_torque_is_given(model: dy.Model, state: tuple[np.ndarray, ...]) -> None:
+    q, dq, ddq = (np.stack([values, -values]) for values in state)
+    torque = model.predict(q, dq, ddq)
+    np.testing.assert_allclose(model.forward_dynamics(q, dq, torque), ddq, atol=1e-9)
+    np.testing.assert_allclose(model.forward_dynamics(q[0], dq[0], torque[0]), ddq[0], atol=1e-9)
+    late = _with_last_values(model.extend("load_dependent_friction@elbow"), [0.3])
+    with pytest.raises(dy.DynidentError, match="depends on the acceleration"):
+        late.forward_dynamics(q, dq, torque)
+
+
+def test_what_is_there_is_more_than_noise_and_what_is_not_there_is_none(
+    model: dy.Model, robot: dy.Robot, runs: dy.Recordings
+) -> None:
+    # The shoulder has Stribeck friction, the elbow has none.
+    hidden = model.extend("stribeck@shoulder:vs=0.2")
+    assert hidden.compare_f_test(model).p_value < 1e-6
+    f_value, p_value, count = hidden.extend("stribeck@elbow:vs=0.3").compare_f_test(hidden)
+    assert 0.01 < p_value < 1.0
+    assert (count, f_value < 10) == (1, True)
+    fixed = dy.identify(robot, runs[:1], filters=model.filters, choices=dy.IdentificationChoices(known={"Fc2": 3.0}))
+    test = model.compare_f_test(fixed)
+    t = (model.params["Fc2"] - 3.0) / model.bse["Fc2"]
+    # One parameter with one known value: the square of its t.
+    assert test.f_value == pytest.approx(t**2, rel=0.02)
+
+
+def test_models_that_are_not_nested_are_refused(model: dy.Model, robot: dy.Robot, runs: dy.Recordings) -> None:
+    with pytest.raises(dy.DynidentError, match="does not have b1"):
+        model.compare_f_test(model.extend("offset@shoulder"))
+    with pytest.raises(dy.DynidentError, match="the same parameters"):
+        model.compare_f_test(model)
+    with pytest.raises(dy.DynidentError, match="other recordings, filters"):
+        model.compare_f_test(dy.identify(robot, runs[1:], filters=model.filters))
+    with pytest.raises(dy.DynidentError, match="give the smaller model"):
+        model.compare_f_test("model.npz")  # type: ignore[arg-type]
 
 
 def test_friction_with_memory_is_that_of_steady_sliding(model: dy.Model, state: tuple[np.ndarray, ...]) -> None:

@@ -87,6 +87,14 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "shapes that differ": (lambda d: d["model"].predict(Q, Q, np.zeros((2, 4))), "arrays of the same shape"),
     "a percentage": (lambda d: d["model"].predict(Q, Q, Q, interval=95), r"interval is 95; .* 0\.95 for 95 %"),
     "alpha for the level": (lambda d: d["model"].conf_int(0.05), "alpha"),
+    "recordings to predict": (lambda d: d["model"].predict(d["runs"]), r"dy\.compare\(model, recordings\)"),
+    "a frame to predict": (lambda d: d["model"].predict(d["runs"].to_frame()), r"dy\.read_recordings\(frame"),
+    "a value to fix": (
+        lambda d: dy.identify(d["robot"], d["runs"], fixed={"Ia3": 0.2}),  # type: ignore[call-arg]
+        r"choices=dy\.IdentificationChoices\(known=",
+    ),
+    "axes to draw in": (lambda d: d["model"].plot(ax=None), r"plot\(\)\.axes"),
+    "rows to use": (lambda d: d["read"](mask=[True]), "windows="),
     "a step of too few joints": (lambda d: d["model"].predictor().step(Q[:2], Q[:2], Q[:2]), "one value a joint"),
     "a folder of recordings": (lambda d: dy.read_recordings(d["folder"], robot=d["robot"]), "is a folder"),
     "a folder for a robot": (lambda d: dy.load_robot(d["folder"]), "is a folder"),

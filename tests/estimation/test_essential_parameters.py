@@ -16,6 +16,7 @@ from dynident.estimation import (
     solve_ordinary,
     statistics,
 )
+from dynident.estimation.backward_elimination import compute_wald_test
 
 M, RATE = 3000, 50.0
 
@@ -107,3 +108,28 @@ def test_of_noise_alone_at_least_one_parameter_is_left():
 def test_units_of_the_parameters_change_nothing(seed, scales):
     w, y = drawn(ZEROS, seed)
     assert path_of(w, y).removed == path_of(w * scales, y).removed
+
+
+def test_a_test_of_many_estimates_is_that_of_statsmodels_where_rows_are_independent():
+    rng = np.random.default_rng(5)
+    w, extra = rng.normal(size=(M, 4)), rng.normal(size=(M, 3))
+    y = w @ [1.0, -2.0, 0.5, 3.0] + 0.02 * extra[:, 0] + rng.normal(size=M)
+    whole = np.hstack([w, extra])
+    f_value, p_value, count = sm.OLS(y, whole).fit().compare_f_test(sm.OLS(y, w).fit())
+    reduction = reduced(whole, y)
+    solution = solve_ordinary(reduction)
+    uncertainty = statistics(reduction, solution, "independent")
+    test = compute_wald_test(solution.values[4:], uncertainty.covariance[4:, 4:], float(uncertainty.freedom[0]))
+    assert (test.count, test.freedom) == (count, M - 7)
+    assert test.statistic == pytest.approx(f_value)
+    assert test.p_value == pytest.approx(p_value)
+
+
+def test_a_covariance_from_few_blocks_does_not_make_noise_significant():
+    rng, rejected = np.random.default_rng(6), 0
+    for _ in range(400):
+        sums = rng.normal(size=(12, 4))
+        test = compute_wald_test(sums.mean(axis=0), np.cov(sums.T) / 12, 11.0, from_blocks=True)
+        rejected += test.p_value < 0.05
+    # 20 of 400 are expected, with a standard deviation of 4.4; F with 11 degrees of freedom would give some 80.
+    assert 8 <= rejected <= 36

@@ -12,7 +12,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_weighted_factor, solve
-from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification import Identification, IdentificationChoices, identify, remove
 from dynident.identification.description_prior import NormalPrior, build_normal_prior, build_prior, split_prior
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
@@ -236,3 +236,87 @@ def test_a_prior_needs_the_global_strategy():
     with pytest.raises(DynidentError, match="global") as raised:
         identify(arm("ur10"), [run()], choices=replace(CHOICES, strategy="sequential"))
     assert raised.value.pointer == "/prior"
+
+
+# Single parameters that are known.
+
+
+def test_a_known_parameter_moves_its_column_to_the_known_side():
+    robot, recording = arm("ur10"), run(amplitude=1.2)
+    choices = replace(CHOICES, prior=None, known={"Ia3": 0.25, "Fc1": 1.4})
+    fixed = identify(robot, [recording], choices=choices)
+    names = [column.name for column in fixed.model.kept]
+    held = [names.index(name) for name in choices.known]
+    np.testing.assert_allclose(fixed.values[held], [0.25, 1.4], rtol=1e-6)
+    assert np.all(fixed.statistics.standard_deviations[held] < 1e-5)
+    # Dense algebra: the known columns times their values are subtracted from the torque.
+    rows = build_weighted_factor(fixed.data.equations, fixed.estimate.solution.noise)
+    w, y, others = rows[:, :-1], rows[:, -1], [k for k in range(len(names)) if k not in held]
+    expected = np.linalg.lstsq(w[:, others], y - w[:, held] @ [0.25, 1.4])[0]
+    np.testing.assert_allclose(fixed.values[others], expected, rtol=1e-4, atol=1e-5)
+    assert from_bytes(to_bytes(fixed)).choices == fixed.choices
+
+
+@pytest.mark.parametrize("estimator", ["wls", "ols", "feasible", "irls"])
+def test_a_value_with_an_error_is_weighed_against_the_data(estimator: str):
+    robot, recording = arm("ur10"), run(amplitude=1.2)
+    free = replace(CHOICES, prior=None, estimator=estimator)
+    alone = identify(robot, [recording], choices=free)
+    k = [column.name for column in alone.model.kept].index("Ia3")
+    estimate, deviation = alone.values[k], alone.statistics.standard_deviations[k]
+    sure, vague = (
+        identify(robot, [recording], choices=replace(free, known={"Ia3": 0.5}, known_errors={"Ia3": error})).values[k]
+        for error in (0.001 * deviation, 1000 * deviation)
+    )
+    assert abs(sure - 0.5) < 0.01 * abs(estimate - 0.5)
+    assert abs(vague - estimate) < deviation
+
+
+def test_a_known_inertia_of_a_motor_is_kept_in_what_the_motion_does_not_tell():
+    robot, recording = arm("ur10"), run(amplitude=1.2)
+    choices = replace(CHOICES, prior=None, estimator="feasible", known={"Ia1": 0.33})
+    found = identify(robot, [recording], choices=choices)
+    rotor = [column.name for column in found.model.columns].index("Ia1")
+    assert found.estimate.standard.values[rotor] == pytest.approx(0.33, rel=1e-3)
+    assert any("change no parameter: Ia1 (in ZZ1" in warning for warning in found.warnings)
+    # Together with the drawing of the link the sum is known.
+    together = identify(robot, [recording], choices=replace(choices, prior="description", estimator="wls"))
+    assert not any("change no parameter" in warning for warning in together.warnings)
+
+
+def test_a_known_value_that_the_data_contradict_is_said_to_be_so():
+    robot, recording = arm("ur10"), run(amplitude=1.2)
+    choices = replace(CHOICES, prior=None, known={"Fc1": 15.0, "Fc2": 1.5})
+    wrong, right = (
+        [warning for warning in identify(robot, [recording], choices=each).warnings if "contradict" in warning]
+        for each in (choices, replace(choices, known={"Fc2": 1.5}))
+    )
+    assert len(wrong) == 1
+    assert "known Fc1 = 15" in wrong[0]
+    assert not right
+
+
+def test_what_is_known_of_an_effect_goes_with_it():
+    identified = identify(arm("ur10"), [run()], choices=replace(CHOICES, prior=None, known={"Ia3": 0.2, "Fv1": 2.0}))
+    smaller = remove(identified, [EffectChoice("viscous")])
+    assert smaller.choices.known == {"Ia3": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("known", "pointer", "says"),
+    [
+        ({"known": {"Fc9": 1.0}}, "/known", "no parameter 'Fc9'"),
+        ({"known": {"Fc1": 1.0}, "strategy": "sequential"}, "/known", "global"),
+        ({"known_errors": {"Fc1": 1.0}}, "/known_errors", "no value of it"),
+        ({"known": {"Fc1": 1.0}, "known_errors": {"Fc1": 0.0}}, "/known_errors/Fc1", "above 0"),
+        (
+            {"known": {"Fc1": 1.0}, "prior": "description_entropic", "estimator": "feasible"},
+            "/known",
+            "entropic",
+        ),
+    ],
+)
+def test_what_cannot_be_known_is_refused(known, pointer, says):
+    with pytest.raises(DynidentError, match=says) as raised:
+        identify(arm("ur10"), [run()], choices=replace(CHOICES, **{"prior": None, **known}))
+    assert raised.value.pointer == pointer

@@ -107,6 +107,8 @@ def test_essential_parameters_and_correlations_are_there_without_the_data(bench:
         ({"pole": "fast"}, "/pole"),
         ({"interval": 0.0}, "/interval"),
         ({"free_links": ["elbow"]}, "/free_links"),
+        ({"known": {"Ia2": "small"}}, "/known/Ia2"),
+        ({"known_errors": {"Ia2": 0.1}}, "/known_errors"),
     ],
 )
 def test_a_choice_that_there_is_not_is_refused_with_its_field(
@@ -123,6 +125,7 @@ def test_a_choice_that_there_is_not_is_refused_with_its_field(
         ({"model": "base_wrench"}, "wrench"),
         ({"model": "energy", "strategy": "sequential"}, "energy"),
         ({"prior": "description", "free_links": ["nose"]}, "nose"),
+        ({"known": {"Ia9": 0.1}}, "no parameter 'Ia9'"),
         ({"prior": "description_entropic", "estimator": "wls"}, "feasible"),
     ],
 )

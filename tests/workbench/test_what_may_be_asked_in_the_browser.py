@@ -78,7 +78,10 @@ def test_an_estimator_brings_the_fields_of_its_options_with_it(page: Any, record
     assert body["estimator"] == "tempered"
     page.get_by_label("Power").fill("2.5")
     page.get_by_label("Patience").fill("4")
+    assert "known" not in body
+    page.fill("#identify-known", "Ia2 = 0.29, Fc1=3")
     body = asked(page, "identifications", "#run")
+    assert body["known"] == {"Ia2": 0.29, "Fc1": 3}
     assert (body["estimator"], body["patience"]) == ({"name": "tempered", "power": 2.5}, 4)
     # The effects that are marked are those of the contract.
     assert [one["effect"] for one in body["effects"]] == ["rigid_body", "rotor_inertia", "coulomb", "viscous"]

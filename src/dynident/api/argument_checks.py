@@ -68,6 +68,12 @@ def _are_windows(value: object) -> bool:
     return all(isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(_is_number, pair)) for pair in pairs)
 
 
+def _holds_recordings(value: object) -> bool:
+    # A data frame with times is a recording; one of positions alone is an array.
+    names = getattr(value, "columns", None) if hasattr(value, "__arrow_c_stream__") else None
+    return hasattr(value, "recording") or hasattr(value, "recordings") or (names is not None and "t" in list(names))
+
+
 _TEXTS_BY_NAME = "give a dictionary of texts, such as"
 EXPECTED: Mapping[str, Expectation] = {
     "robot": Expectation(_is_a(Robot), 'read the robot first: robot = dy.load_robot("arm.urdf")'),
@@ -83,6 +89,11 @@ EXPECTED: Mapping[str, Expectation] = {
     ),
     "name": Expectation(_is_a(str), "give a text"),
     "title": Expectation(_is_a(str), "give a text"),
+    "ModelResults.predict.q": Expectation(
+        lambda value: not _holds_recordings(value),
+        "give arrays q, dq and ddq; for recordings, dy.compare(model, recordings).to_frame() has measured and "
+        "predicted torque, and dy.read_recordings(frame, robot=robot) makes recordings of a data frame",
+    ),
     "progress": Expectation(callable, "give a function of the fraction done and a message"),
     "choices": Expectation(_is_a(IdentificationChoices), 'give dy.IdentificationChoices(model="energy", …)'),
     "estimator": Expectation(_is_a(str, Estimator), 'give its name, such as "wls", or an estimator with its options'),
@@ -151,16 +162,32 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
         except TypeError:
             owner = function.__qualname__.removesuffix(".__init__").split(".")[-1]
             _check_for_fields(owner, kwargs, signature.parameters)
+            _check_for_other_names(owner, kwargs, signature.parameters)
+            # What takes recordings or frames elsewhere is often given alone.
+            first = signature.bind_partial(*args).arguments if len(args) <= len(signature.parameters) else {}
+            _check_given(function.__qualname__, first, defaults)
             check_names(owner, kwargs, signature.parameters)
             # Python's own message about missing arguments is better than that of `bind`.
             return function(*args, **kwargs)
-        for name, value in given.items():
-            expected = EXPECTED.get(f"{function.__qualname__}.{name}") or EXPECTED.get(name)
-            if expected is not None and value is not defaults[name]:
-                require(expected.admits(value), value, name, expected.remedy)
+        _check_given(function.__qualname__, given, defaults)
         return function(*args, **kwargs)
 
     return call_with_checks
+
+
+def _check_given(function: str, given: Mapping[str, object], defaults: Mapping[str, object]) -> None:
+    for name, value in given.items():
+        expected = EXPECTED.get(f"{function}.{name}") or EXPECTED.get(name)
+        if expected is not None and value is not defaults[name]:
+            require(expected.admits(value), value, name, expected.remedy)
+
+
+def _check_for_other_names(owner: str, given: Iterable[str], known: Container[str]) -> None:
+    """Tell what stands for an argument that others call so."""
+    for name in given:
+        remedy = OTHER_ARGUMENTS.get(f"{owner}.{name}")
+        if name not in known and remedy is not None:
+            raise DynidentError(f"{owner} takes no argument {name!r}; {remedy}", pointer=name, title="Unknown argument")
 
 
 def _check_for_fields(owner: str, given: Iterable[str], known: Container[str]) -> None:
@@ -176,6 +203,25 @@ def _check_for_fields(owner: str, given: Iterable[str], known: Container[str]) -
                 )
 
 
+_KNOWN = 'parameters that are known go into choices=dy.IdentificationChoices(known={"Ia3": 0.2})'
+_WEIGHTS = (
+    "rows count by the noise of their joint; leave seconds out with dy.revise(run, windows=[…]), or let "
+    'estimator="irls" find outliers'
+)
+OTHER_ARGUMENTS: Mapping[str, str] = {
+    "conf_int.alpha": "give the probability of the interval: conf_int(0.99) for alpha=0.01",
+    "identify.fixed": _KNOWN,
+    "identify.fix": _KNOWN,
+    "identify.fix_params": _KNOWN,
+    "identify.weights": _WEIGHTS,
+    "identify.sample_weight": _WEIGHTS,
+    "identify.joints": 'effects name their joints, effects=["rigid_body", "coulomb@elbow"]; a joint that does not move '
+    'is locked: dy.load_robot(…, locked_joints={"wrist": 0.0})',
+    "read_recordings.mask": "give the seconds to use: windows=[(3.5, 28)]",
+    "plot.ax": "the figure makes its own axes: plot().axes",
+    "export.payload": 'a load is an effect, model.extend("payload") from a run with it; C headers take one later',
+}
+"""What stands for arguments that people look for by other names, by function."""
 ELSEWHERE: Mapping[str, str] = {
     "cov_params": "covariance",
     "corr": "correlation",
@@ -190,14 +236,21 @@ ELSEWHERE: Mapping[str, str] = {
     "nonLinearEffects": "coriolis(q, dq) @ dq + gravity(q)",
     "friction_curve": "friction(q, dq), with arrays of velocities",
     "pvalues": "tvalues, conf_int()",
-    "compare_f_test": "ladder: errors on held-out data",
-    "compare_lr_test": "ladder: errors on held-out data",
+    "compare_lr_test": "compare_f_test(smaller)",
+    "wald_test": "compare_f_test(smaller)",
+    "f_test": "compare_f_test(smaller)",
+    "t_test": "conf_int(0.99): whether a value is in the interval",
+    "aba": "forward_dynamics(q, dq, tau)",
+    "simulate": "forward_dynamics(q, dq, tau), integrated in steps of fixed size",
+    "bootstrap": "bse: correlated residuals are taken into account",
+    "gravity_torque": "gravity(q)",
     "aic": "ladder: errors on held-out data",
     "bic": "ladder: errors on held-out data",
     "rsquared": "errors",
     "rmse": "errors",
     "score": "held_out_moving.relative_total",
     "nobs": "identification.data",
+    "condition_number": "identification.condition_number",
     "identifiable": 'parameters.to_frame()["judgement"]',
     "why": "why_not(effect, joint)",
     "explain": "why_not(effect, joint)",

@@ -20,6 +20,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.file_output import check_ending, write_atomically
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
+from dynident.identification.identified_models.correlated_and_essential_parameters import compare_nested
 from dynident.number_format import format_count, format_percent
 from dynident.presentation.labels import describe_condition_number
 from dynident.presentation.ladder_tables import build_ladder_table, find_best, make_step
@@ -30,6 +31,32 @@ from dynident.text_and_html_tables import join_html, render_details, render_list
 from dynident.verdict import ModelVerdict, Outcome, verdict
 
 NO_RECORDINGS = Recordings(())
+
+
+@dataclass(frozen=True)
+class FTest:
+    """Result of the F test of a model against a smaller one.
+
+    Parameters
+    ----------
+    f_value : float
+        The statistic.
+    p_value : float
+        Probability that noise alone makes it as large, if the smaller model holds.
+    df_diff : int
+        Number of conditions by which the models differ.
+    df_resid : float
+        Degrees of freedom with which the residual's variance is known.
+    """
+
+    f_value: float
+    p_value: float
+    df_diff: int
+    df_resid: float
+
+    def __iter__(self) -> Iterator[float]:
+        # As statsmodels gives it: f_value, p_value, df_diff = ….
+        return iter((self.f_value, self.p_value, self.df_diff))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +109,48 @@ class Model(ModelResults):
                 for identification in self.identification.ladder()
             )
         )
+
+    @check_arguments
+    def compare_f_test(self, restricted: Model | Identification) -> FTest:
+        """Test whether what this model has beyond a smaller one is more than noise.
+
+        It is a Wald test on this model's estimates: what the smaller model lacks is zero, and what it takes as known
+        has that value. Residuals are correlated, so independent rows are counted by blocks of time, as the standard
+        deviations do; with the covariance "independent" it is the test of statsmodels. An effect whose shape constants
+        were searched on the same data looks surer than it is; held-out errors (`dy.Ladder`) do not have this fault, and
+        compare models that are not nested.
+
+        Parameters
+        ----------
+        restricted : Model
+            A model of the same recordings and filters, with fewer effects or with known parameters.
+
+        Returns
+        -------
+        FTest
+            `f_value`, `p_value` and `df_diff`, in the order of statsmodels, and `df_resid`.
+
+        Raises
+        ------
+        DynidentError
+            Where the models are of other data, or not nested.
+
+        Examples
+        --------
+        >>> model = dy.identify(robot, runs[:1])
+        >>> test = model.extend("stribeck@elbow").compare_f_test(model)
+        >>> test.p_value < 0.001
+        True
+        """
+        require(
+            isinstance(restricted, (Model, Identification)),
+            restricted,
+            "restricted",
+            "give the smaller model, as identify(…) gives it",
+        )
+        smaller = restricted.identification if isinstance(restricted, Model) else restricted
+        test = compare_nested(self.identification, smaller)
+        return FTest(test.statistic, test.p_value, test.count, test.freedom)
 
     @check_arguments
     def residuals(self, recordings: SomeRecordings | None = None, *, progress: Progress = ignore_progress) -> Table:
@@ -278,6 +347,7 @@ class Model(ModelResults):
         """
         write_atomically(check_ending(path, (".npz",)), to_bytes(self.identification))
 
+    @check_arguments
     def plot(self) -> Figure:
         """Draw the errors of every model of the ladder, in total and joint by joint.
 
@@ -350,6 +420,7 @@ class Ladder(Sequence[Model], Framed):
             )
         return build_columns(_FRAME_COLUMNS, rows)
 
+    @check_arguments
     def plot(self) -> Figure:
         """Draw the errors of every model, in total and joint by joint.
 

@@ -364,6 +364,59 @@ class ModelResults(KnownNames):
         return self._compute(compute_friction, read_motion(self.robot, q=q, dq=dq, ddq=accelerations))
 
     @check_arguments
+    def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> FloatArray:
+        """Return the acceleration under motor torques: the right side of a simulation.
+
+        Dry friction jumps where a joint turns round or stops. Integrate in steps of fixed size; integrators that choose
+        their steps, such as `scipy.integrate.solve_ivp`, take endlessly many at a joint that stops.
+
+        Parameters
+        ----------
+        q, dq : (n,) or (m, n)
+            Positions and velocities in rad and rad/s, or m and m/s.
+        tau : (n,) or (m, n)
+            Torques of the motors in N m, or N.
+
+        Returns
+        -------
+        array of the shape of q
+            Accelerations in rad/s², or m/s².
+
+        Raises
+        ------
+        DynidentError
+            For effects that depend on the acceleration or on more than the state, and for a mass matrix that no robot
+            has.
+
+        Examples
+        --------
+        >>> for torque in torques:  # one row for each millisecond  # doctest: +SKIP
+        ...     dq = dq + 0.001 * model.forward_dynamics(q, dq, torque)
+        ...     q = q + 0.001 * dq
+        """
+        motion = read_motion(self.robot, q=q, dq=dq, tau=tau)
+        self._check_no_memory()
+        q_rows, dq_rows, torque = motion.arrays
+        mass = self._compute(compute_mass_matrix, Motion((q_rows,), q_rows.shape))
+        if not (np.linalg.eigvalsh(mass) > 0.0).all():
+            raise DynidentError(
+                'the mass matrix of this model is not positive definite here; identify with estimator="feasible"',
+                pointer="q",
+                title="Impossible robot",
+            )
+        rest = predict(self._estimate, q_rows, dq_rows, np.zeros_like(q_rows)).torque
+        acceleration = np.asarray(np.linalg.solve(mass, (torque - rest)[..., None])[..., 0], dtype=np.float64)
+        again = predict(self._estimate, q_rows, dq_rows, acceleration).torque
+        if not np.allclose(again, torque, rtol=1e-6, atol=1e-6 * float(np.abs(mass).max())):
+            raise DynidentError(
+                "an effect of this model depends on the acceleration, so that this is no explicit function of the "
+                "torque; remove it, such as model.remove(…), to simulate the model",
+                pointer="tau",
+                title="No forward dynamics",
+            )
+        return np.asarray(acceleration.reshape(motion.shape))
+
+    @check_arguments
     def export(self, path: str | Path, *, nearest: bool = False, anyway: bool = False) -> ExportedFile:
         """Write the model for another program, in the format that the ending of the path names.
 

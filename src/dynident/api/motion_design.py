@@ -80,6 +80,7 @@ class DesignedMotion(Framed):
         units = list_signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
         return Table(columns, units)
 
+    @check_arguments
     def plot(self) -> Figure:
         """Draw the joints within their limits, their velocity over position, and the path of the tool.
 

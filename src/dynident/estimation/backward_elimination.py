@@ -137,7 +137,7 @@ def eliminate_parameters(
         worst = int(np.argmax(relative))
         removed = np.array([*(step.removed for step in eliminations), remaining[worst]], dtype=np.intp)
         # The test is on the full model's estimates, so that earlier steps do not bias it.
-        statistic = _compute_wald_statistic(full, full_covariance, removed)
+        test = compute_wald_test(full[removed], full_covariance[np.ix_(removed, removed)], freedom)
         rest = np.delete(remaining, worst)
         smaller, smaller_covariance = _fit_subset(r, rest, meat)
         padded_values = np.zeros(c)
@@ -146,8 +146,8 @@ def eliminate_parameters(
             int(remaining[worst]),
             float(relative[worst]),
             spread,
-            statistic,
-            float(fdtrc(len(removed), freedom, max(statistic, 0.0))),
+            test.statistic,
+            test.p_value,
             padded_values,
         )
         if step.p_value < level:
@@ -174,11 +174,54 @@ def _compute_deviation_ratio(relative: FloatArray) -> float:
     return float(relative.max()) / smallest if smallest > 0 else 1.0
 
 
-def _compute_wald_statistic(values: FloatArray, covariance: FloatArray, removed: IndexArray) -> float:
-    """Return χ_Sᵀ C_SS⁻¹ χ_S / |S|, scaled by the parameters' own deviations to limit rounding."""
-    block = covariance[np.ix_(removed, removed)]
-    deviations = np.sqrt(np.maximum(np.diag(block), np.finfo(float).tiny))
-    scaled = values[removed] / deviations
-    return float(scaled @ np.linalg.lstsq(block / np.outer(deviations, deviations), scaled, rcond=1e-12)[0]) / len(
-        removed
-    )
+@dataclass(frozen=True)
+class WaldTest:
+    """F test of whether several estimates are zero but for noise.
+
+    Parameters
+    ----------
+    statistic : float
+        χᵀ C⁻¹ χ / q of the q estimates with the covariance C; less where C is from few blocks.
+    p_value : float
+        Probability that noise alone makes it as large.
+    count : int
+        Their number q.
+    freedom : float
+        Degrees of freedom with which their variance is known.
+    """
+
+    statistic: float
+    p_value: float
+    count: int
+    freedom: float
+
+
+def compute_wald_test(
+    values: FloatArray, covariance: FloatArray, freedom: float, *, from_blocks: bool = False
+) -> WaldTest:
+    """Test whether estimates are zero but for noise.
+
+    Parameters
+    ----------
+    values : (q,)
+        The estimates.
+    covariance : (q, q)
+        Their covariance.
+    freedom : float
+        Degrees of freedom with which their variance is known.
+    from_blocks : bool
+        Whether each entry of the covariance is an estimate of its own, from one more block than these degrees of
+        freedom: then this is Hotelling's T².
+
+    Returns
+    -------
+    WaldTest
+        The statistic, and how probable it is without an effect.
+    """
+    rest = freedom - len(values) + 1 if from_blocks else freedom
+    # Scaled by the estimates' own deviations, to limit rounding.
+    deviations = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    scaled = values / deviations
+    square = scaled @ np.linalg.lstsq(covariance / np.outer(deviations, deviations), scaled, rcond=1e-12)[0]
+    statistic = float(square) / len(values) * rest / freedom
+    return WaldTest(statistic, float(fdtrc(len(values), rest, max(statistic, 0.0))), len(values), rest)

@@ -1,4 +1,4 @@
-"""Priors from the robot's description: a normal prior on inertial parameters, or an entropic one on bodies.
+"""Priors: normal from the robot's description or of single known parameters, or an entropic one on bodies.
 
 Holds when a description is impossible or a placeholder, so that it gives no prior.
 
@@ -17,14 +17,14 @@ of p.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import Column, get_role
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, suggest_names
 from dynident.estimation import PriorInformation
 from dynident.estimation.parameter_covariance import compute_null_space
 from dynident.identification.estimation_problem_options import DescriptionTrust
@@ -40,6 +40,11 @@ from dynident.robot.pseudo_inertia import (
 )
 from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
+# Standard deviation of a known value that is given without one, as a share of it or of the parameter's usual size. No
+# weight expresses certainty, and this one is lost beside any measurement.
+_EXACT = 1e-6
+# Below so many standard deviations a known parameter moves nothing: it is rounding.
+_MOVED = 1e-3
 # Share of the largest singular value below which a combination has no error of its own but rounding.
 _NULL = 1e-9
 
@@ -263,7 +268,7 @@ def build_prior(model: Model, trust: DescriptionTrust) -> PriorInformation | Non
     model : Model
         The model, with its base parameters' columns.
     trust : DescriptionTrust
-        Prior from the description, if any, and how far it is trusted.
+        Prior from the description, if any, and how far it is trusted; known parameters.
 
     Returns
     -------
@@ -275,9 +280,10 @@ def build_prior(model: Model, trust: DescriptionTrust) -> PriorInformation | Non
     DynidentError
         Where the description gives no inertias, gives placeholders or impossible ones, or a free link does not exist.
     """
-    if trust.prior is None:
+    if trust.prior is None and not trust.known:
         return None
-    check_description(model.robot.tree, trust.free_links)
+    if trust.prior is not None:
+        check_description(model.robot.tree, trust.free_links)
     belief = build_normal_prior(model, trust)
     if trust.of_bodies:
         belief = build_entropic_prior(model, trust.error, belief).approximate_at(belief, belief.mean)
@@ -382,7 +388,75 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
             size[k] = rotors[robot.joint_names.index(column.link)]
         elif role == "load":
             size[k] = errors[robot.joint_names.index(column.link), _get_payload_parameter(column)]
-    return NormalPrior(mean, size, stated)
+    return _state_known(model, NormalPrior(mean, size, stated), trust)
+
+
+def _state_known(model: Model, belief: NormalPrior, trust: DescriptionTrust) -> NormalPrior:
+    """Return a belief with the values of single parameters that are known, as far as the model has them."""
+    if not trust.known:
+        return belief
+    numbers = {column.name: k for k, column in enumerate(model.columns)}
+    mean, size, stated, errors = belief.mean.copy(), belief.size.copy(), belief.stated.copy(), belief.size.copy()
+    for name, value, error in trust.known:
+        if name in numbers:
+            k = numbers[name]
+            mean[k], size[k], stated[k] = value, max(size[k], abs(value)), True
+            errors[k] = error or _EXACT * size[k]
+    # The sizes stay orders of magnitude, which estimators scale parameters by.
+    return NormalPrior(mean, size, stated, np.diag(errors))
+
+
+def check_known(model: Model, known: Iterable[str]) -> None:
+    """Raise where a known parameter is none of the model.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    known : iterable of str
+        Names of the known parameters.
+
+    Raises
+    ------
+    DynidentError
+        Names the parameters that there are.
+    """
+    names = [column.name for column in model.columns]
+    for name in known:
+        if name not in names:
+            raise DynidentError(
+                f"the model has no parameter {name!r}{suggest_names(name, names)}; its parameters are: "
+                f"{', '.join(names)}",
+                pointer="/known",
+                title="Unknown parameter",
+            )
+
+
+def list_unused(model: Model, trust: DescriptionTrust) -> list[str]:
+    """List known parameters that determine no base parameter: the motion shows them only in sums with unknown ones.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    trust : DescriptionTrust
+        Prior from the description, if any, and the known parameters.
+
+    Returns
+    -------
+    list of str
+        Names, each with the sums that it is in: "Ia1 (in ZZ1 + Ia1)".
+    """
+    belief, names = build_normal_prior(model, trust), [column.name for column in model.columns]
+    factor = split_prior(model, belief).base.factor
+    unused = []
+    for k in (names.index(name) for name, _, _ in trust.known if name in names):
+        # How many standard deviations a change of the usual size moves what is known of the base parameters.
+        moved = belief.size[k] * np.linalg.norm(factor @ model.base.grouping[:, k])
+        if moved < _MOVED:
+            sums = [model.base.groupings[row] for row in np.flatnonzero(model.base.written[:, k])]
+            unused.append(f"{names[k]} (in {', '.join(sums)})" if sums else names[k])
+    return unused
 
 
 def _get_payload_parameter(column: Column) -> int:

@@ -29,14 +29,16 @@ class RowOptions:
 
 @dataclass(frozen=True)
 class DescriptionTrust:
-    """Trust in the inertias of the robot's description.
+    """Trust in the inertias of the robot's description, and in single parameters that are known.
 
     `prior` is its name, None where the data alone count; `free_links`, by their joints, are those that it does not hold
     for, and `error` is the share by which the others are usually off. `of_bodies`: the prior is a distance between
-    bodies that can exist.
+    bodies that can exist. `known` has single parameters that are known by themselves: name, value and standard
+    deviation, zero for an exact value.
     """
 
     prior: str | None
     free_links: tuple[str, ...]
     error: float
     of_bodies: bool = False
+    known: tuple[tuple[str, float, float], ...] = ()

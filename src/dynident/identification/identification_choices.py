@@ -5,8 +5,8 @@ Holds which choices exclude each other, and what is chosen by default; also the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from dynident.effects.effect_choices import DEFAULT_EFFECTS, EffectChoice
@@ -101,6 +101,10 @@ class IdentificationChoices(Request):
     prior_error : float
         Share by which the description's inertias are usually off (`robot.pseudo_inertia`, and for the prior
         description_entropic `identification.description_prior`).
+    known : mapping of str to float
+        Single parameters that are known, by their names in the model, in SI units.
+    known_errors : mapping of str to float
+        Standard deviations of known values; the others are taken as exact.
     pole : float or None
         The a of [12.29] in rad/s, for the filtered model; None where the data decide.
     interval : float or None
@@ -135,6 +139,13 @@ class IdentificationChoices(Request):
     )
     prior_error: float = declare_field(
         "Usual relative error of the description's inertias", default=USUAL_SHARE, at_least=1e-6, at_most=10
+    )
+    known: Mapping[str, float] = declare_field(
+        "Single parameters that are known, by name, in SI units: a motor's inertia from its data sheet as Ia3",
+        made_by=dict,
+    )
+    known_errors: Mapping[str, float] = declare_field(
+        "Standard deviations of known parameters, by name; without one a value is exact", made_by=dict, above=0
     )
     pole: float | None = declare_field(
         "a of the filtered model's F(s) = a²/(s + a)²; from the data if left out",
@@ -179,6 +190,11 @@ class IdentificationChoices(Request):
                 "description, or leave free_links out",
                 pointer="/free_links",
             )
+        self._check_known()
+
+    def __hash__(self) -> int:
+        # Mappings have none of their own.
+        return hash((self.effects, self.model, self.strategy, self.prior, *self.known.items()))
 
     @property
     def solver(self) -> Estimator:
@@ -209,7 +225,9 @@ class IdentificationChoices(Request):
     def trust(self) -> DescriptionTrust:
         """Trust in the inertias of the description."""
         belief = self.belief
-        return DescriptionTrust(self.prior, self.free_links, self.prior_error, belief is not None and belief.of_bodies)
+        known = tuple((name, value, self.known_errors.get(name, 0.0)) for name, value in self.known.items())
+        of_bodies = belief is not None and belief.of_bodies
+        return DescriptionTrust(self.prior, self.free_links, self.prior_error, of_bodies, known)
 
     @property
     def is_least_squares_of_torque(self) -> bool:
@@ -224,6 +242,14 @@ class IdentificationChoices(Request):
         """Whether rows of the joints' torques count by their noise where a joint turns round."""
         return self.weigh_turns and self.model == "dynamic" and self.solver.weighs_turns
 
+    def keep_known(self, names: Collection[str]) -> IdentificationChoices:
+        """Return the choices with what is known of these parameters alone, by their names."""
+        known, errors = (
+            {name: number for name, number in numbers.items() if name in names}
+            for numbers in (self.known, self.known_errors)
+        )
+        return replace(self, known=known, known_errors=errors)
+
     def _check_prior(self) -> None:
         # The divergence is a barrier: only an estimator that keeps bodies possible can minimise it.
         if self.trust.of_bodies and not self.solver.possible_bodies:
@@ -232,6 +258,23 @@ class IdentificationChoices(Request):
                 f"the entropic prior needs physically feasible bodies, so it works only with the estimator {able}, "
                 f"not {get_kind_name(self.estimator)}; choose that estimator, or the prior description",
                 pointer="/prior",
+                title=_UNFIT,
+            )
+
+    def _check_known(self) -> None:
+        for name in self.known_errors:
+            if name not in self.known:
+                raise DynidentError(
+                    f"known_errors has {name!r}, but known has no value of it; give both",
+                    pointer="/known_errors",
+                    title=_UNFIT,
+                )
+        # The divergence is one of whole bodies: it has no place for single parameters.
+        if self.known and self.trust.of_bodies:
+            raise DynidentError(
+                "known parameters do not go with the entropic prior, which is about whole bodies; choose the prior "
+                "description, or none",
+                pointer="/known",
                 title=_UNFIT,
             )
 

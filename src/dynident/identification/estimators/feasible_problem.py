@@ -168,8 +168,10 @@ class FeasibleProblem:
         """
         of_data = solution.factor @ self.grouping
         weak *= max(1.0, _LEAST_SHARE / WEAK * float(np.abs(of_data).max(initial=0.0)))
-        right = np.concatenate([solution.factor @ solution.values, weak * (self.open @ self.mean)])
-        return self._solve_constrained(np.vstack([of_data, weak * self.open]), right)
+        right = np.concatenate(
+            [solution.factor @ solution.values, self.rest @ self.mean, weak * (self.open @ self.mean)]
+        )
+        return self._solve_constrained(np.vstack([of_data, self.rest, weak * self.open]), right)
 
     def _solve_constrained(self, rows: FloatArray, right: FloatArray) -> ConstrainedSolution:
         # One matrix inequality for each body: its pseudo-inertia, in units of its usual error, at least a small
@@ -254,7 +256,7 @@ def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: S
     # Only where the prior is one of bodies: the others are a normal distribution.
     entropic = build_entropic_prior(model, trust.error, belief) if trust.of_bodies else None
     sized = replace(belief, size=_estimate_sizes(model, belief, unconstrained))
-    return StandardPrior(sized, trust.prior is not None, entropic)
+    return StandardPrior(sized, trust.prior is not None or bool(trust.known), entropic)
 
 
 def build_problem(

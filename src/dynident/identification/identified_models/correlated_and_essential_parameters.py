@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
 from dynident.estimation import (
     CovarianceName,
     Errors,
@@ -23,7 +24,7 @@ from dynident.estimation import (
     solve,
     statistics,
 )
-from dynident.estimation.backward_elimination import Stop
+from dynident.estimation.backward_elimination import Stop, WaldTest, compute_wald_test
 from dynident.estimation.parameter_correlation import (
     NOT_DETERMINED,
     Collinearity,
@@ -31,6 +32,7 @@ from dynident.estimation.parameter_correlation import (
     WeakDirection,
     find_collinearity,
 )
+from dynident.estimation.parameter_covariance import FEWEST_CLUSTERS, compute_null_space, find_occupied_blocks
 from dynident.identification.identification_choices import EssentialChoices
 from dynident.identification.identified_models.identification_result import Estimate, Identification
 from dynident.identification.shape_constant_intervals import linearise_shapes
@@ -221,9 +223,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     """
     check_value(EssentialChoices, "ratio", ratio)
     equations, names = identification.data.equations, [column.name for column in identification.model.kept]
-    # The elimination needs a plain least-squares solution, so it is solved anew with the noise and the prior that the
-    # identification had, whatever estimator that used.
-    full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
+    full = _solve_plainly(identification)
     # The test is about many parameters at a time: a covariance from blocks of time alone has not the rank for it.
     path = eliminate_parameters(equations, full, statistics(equations, full, "by_joint"), ratio)
     held_out = identification.data.held_out
@@ -248,6 +248,104 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
         refused=None if path.refused is None else names[path.refused.removed],
         identification=_restrict_to_essential(identification, full, path.removed),
     )
+
+
+def _solve_plainly(identification: Identification) -> Solution:
+    """Return least squares with the noise and the prior of an identification, whatever estimator that used."""
+    equations, solution = identification.data.equations, identification.estimate.solution
+    return solve(equations, solution.noise, solution.known)
+
+
+@single_threaded
+def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
+    """Test whether what a model has beyond a smaller one is more than noise.
+
+    The smaller model's parameters are those of the larger one under linear conditions: parameters of effects that it
+    lacks are zero, and parameters that it takes as known have their values. The test is on the estimates of the larger
+    model, with the covariance that was chosen for it; that over blocks of time has as many degrees of freedom as there
+    are blocks, and the test is Hotelling's.
+
+    Parameters
+    ----------
+    larger, smaller : Identification
+        Models of the same recordings with the same filters, the effects of one among those of the other.
+
+    Returns
+    -------
+    WaldTest
+        F test of the conditions.
+
+    Raises
+    ------
+    DynidentError
+        Where the models are of other data, or the smaller one is no part of the larger one.
+    """
+    _check_same_data(larger, smaller)
+    own, known = larger.model, {name: (value, error) for name, value, error in smaller.choices.trust.known}
+    assumed = {name for name, _, _ in larger.choices.trust.known}
+    keys = [column.key for column in own.columns]
+    strangers = [column.name for column in smaller.model.columns if column.key not in keys]
+    if strangers or not assumed <= set(known):
+        missing = ", ".join(strangers or sorted(assumed - set(known)))
+        raise DynidentError(
+            f"the smaller model is no part of the larger one, which does not have {missing} as a parameter to "
+            "estimate; give models of which one has all effects of the other, with the same constants, or compare "
+            "held-out errors",
+            pointer="restricted",
+            title="Models that are not nested",
+        )
+    present = {column.key for column in smaller.model.columns}
+    tested = {name: pair for name, pair in known.items() if name not in assumed}
+    free = [k for k, column in enumerate(own.columns) if column.key in present and column.name not in tested]
+    equations, kind = larger.data.equations, larger.choices.covariance
+    full = _solve_plainly(larger)
+    uncertainty = statistics(equations, full, kind)
+    # Parameters in units of their standard deviations: kg and kg m² would not compare.
+    deviations = np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny)
+    grouping = own.base.grouping / deviations[:, None]
+    reached = grouping[:, free]
+    sizes = np.linalg.norm(reached, axis=0)
+    # Functions of the parameters that nothing in the smaller model can change.
+    functions = compute_null_space((reached / np.where(sizes > 0, sizes, 1.0)).T).T
+    if not len(functions):
+        raise DynidentError(
+            "both models have the same parameters, so there is nothing to test",
+            pointer="restricted",
+            title="Models that are not nested",
+        )
+    covariance = functions @ (uncertainty.covariance / np.outer(deviations, deviations)) @ functions.T
+    values = functions @ (full.values / deviations)
+    for k, column in enumerate(own.columns):
+        if column.name in tested:
+            value, error = tested[column.name]
+            moved = functions @ grouping[:, k]
+            values = values - value * moved
+            covariance = covariance + error**2 * np.outer(moved, moved)
+    blocks = int(find_occupied_blocks(equations).sum())
+    if kind != "by_time_and_joints" or blocks < FEWEST_CLUSTERS:
+        return compute_wald_test(values, covariance, float(uncertainty.freedom.min()))
+    if blocks <= len(values):
+        raise DynidentError(
+            f"the recordings have {blocks} blocks of time, too few to test {len(values)} conditions at once; record "
+            "longer, or compare errors on held-out data",
+            pointer="restricted",
+            title="Too little data",
+        )
+    return compute_wald_test(values, covariance, blocks - 1.0, from_blocks=True)
+
+
+def _check_same_data(larger: Identification, smaller: Identification) -> None:
+    ways = [
+        (sorted(model.data.measurement_names), model.preprocessing, model.choices.model) for model in (larger, smaller)
+    ]
+    if ways[0] != ways[1]:
+        raise DynidentError(
+            "the models are of other recordings, filters or equations, so a test of what one has beyond the other does "
+            "not apply: identify both from the same recordings with filters=model.filters, or compare their errors on "
+            "held-out data",
+            pointer="restricted",
+            title="Models that are not nested",
+        )
 
 
 def _restrict_to_essential(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:

@@ -24,7 +24,7 @@ from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effec
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, estimate_group_weights, solve_weighted
 from dynident.estimation.residual_errors import compute_fitted_errors
-from dynident.identification.description_prior import build_prior
+from dynident.identification.description_prior import build_prior, check_known
 from dynident.identification.equations.filtered_energy_power_wrench import find_constants
 from dynident.identification.equations.model_and_data_checks import (
     check_joint_torques,
@@ -373,6 +373,7 @@ def identify(
     effects, reference = prepare_effects(robot, choices, ordinary, preprocessing, scale_progress(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = get_model(robot, choices.effects, tolerance=choices.tolerance)
+    check_known(model, choices.known)
     fit_progress = scale_progress(progress, 0.5, 1.0)
     identified = identify_model(model, recordings, validation, choices, preprocessing, reference, fit_progress)
     return complete_identification(robot, recordings, validation, requested, identified, progress)

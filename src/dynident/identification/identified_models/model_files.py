@@ -332,6 +332,8 @@ def _read_choices(document: Mapping[str, Any]) -> IdentificationChoices:
         prior=document.get("prior"),
         free_links=tuple(document.get("free_links", ())),
         prior_error=document.get("prior_error", USUAL_SHARE),
+        known=document.get("known", {}),
+        known_errors=document.get("known_errors", {}),
         pole=document.get("pole"),
         interval=document.get("interval"),
         preprocessing=_read_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,

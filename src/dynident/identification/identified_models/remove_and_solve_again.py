@@ -17,6 +17,7 @@ from dynident.effects.effect_columns import find_joints
 from dynident.effects.effect_text_format import format_constant
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
+from dynident.identification.description_prior import check_known
 from dynident.identification.estimators.feasible_problem import (
     find_resisting_speeds,
     list_friction_bounds,
@@ -67,6 +68,7 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     if choices.effects != known.effects:
         model, weights = build_submodel(known, choices.effects, choices.tolerance)
         part, data = SubmodelRelation(known, weights), data.combine_columns(weights)
+    check_known(model, choices.known)
     # Fewer effects need no new rows: the smaller model's columns are linear combinations of those that the reduced
     # data hold.
     shaped = combine_shapes(identification, model.effects, None if part is None else part.weights)
@@ -306,6 +308,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     remaining = subtract_effects(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=remaining)
     model, weights = build_submodel(known, remaining, choices.tolerance)
+    choices = choices.keep_known({column.name for column in model.columns})
     smaller = solve_submodel(identification, model, choices, weights)
     return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
 

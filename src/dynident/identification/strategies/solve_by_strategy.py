@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from scipy.special import stdtr
+
 from dynident.errors import DynidentError
-from dynident.estimation.least_squares import EstimationError
-from dynident.estimation.parameter_covariance import find_prior_dominated
+from dynident.estimation.least_squares import EstimationError, solve_weighted
+from dynident.estimation.parameter_covariance import find_prior_dominated, statistics
+from dynident.identification.description_prior import build_prior, list_unused
 from dynident.identification.equations.model_and_data_checks import STANDING_SHOWS_NO_MASS
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.estimators.feasible import move_where_free
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.regressors.model_structure import Model
+
+# Probability that data which agree with a known value seem to contradict it.
+_CONTRADICTED = 1e-3
 
 
 def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
@@ -51,6 +58,8 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
         fitted = move_where_free(problem.model, problem.data.equations, fitted, choices.trust)
     if choices.prior is not None:
         fitted = _add_prior_warning(problem.model, problem.data, fitted)
+    if choices.known:
+        fitted = replace(fitted, warnings=(*_doubt_known(choices, problem), *fitted.warnings))
     friction = problem.data.friction
     if not friction or choices.plan.friction_runs:
         return fitted
@@ -62,11 +71,12 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
 def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
     """Raise where the prior or the estimator does not go with the strategy, the model or the data."""
     # A prior on sums of parameters ties steps together that are taken one after the other.
-    if choices.prior is not None and not choices.plan.at_once:
+    if (choices.prior is not None or choices.known) and not choices.plan.at_once:
+        pointer = "/known" if choices.prior is None else "/prior"
         raise DynidentError(
             f"the prior is about sums of parameters, but the {choices.strategy} strategy estimates them one after the "
-            "other; choose the global strategy, or leave the prior out",
-            pointer="/prior",
+            f"other; choose the global strategy, or leave {pointer[1:]} out",
+            pointer=pointer,
             title="Choices that do not fit",
         )
     if not (choices.solver.simulates and choices.plan.at_once):
@@ -83,6 +93,41 @@ def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
             "the recordings",
             pointer="/estimator",
         )
+
+
+def _doubt_known(choices: IdentificationChoices, problem: Problem) -> list[str]:
+    """Return warnings about known parameters that change nothing, and about those that the data contradict."""
+    model, trust = problem.model, choices.trust
+    names = [column.name for column in model.columns]
+    unused = list_unused(model, trust)
+    warnings = []
+    if unused:
+        warnings.append(
+            f"Known values that change no parameter: {'; '.join(unused)}. The motion shows only these sums, of which "
+            "other parts are unknown. Links of an export have the known values."
+        )
+    try:
+        without = build_prior(model, replace(trust, known=()))
+        free = solve_weighted(problem.data.equations, without)
+        certainty = statistics(problem.data.equations, free, choices.covariance)
+    except EstimationError:
+        # Without the known values the data determine too little to contradict them.
+        return warnings
+    for name, value, error in trust.known:
+        alone = build_prior(model, replace(trust, prior=None, known=((name, value, error),)))
+        if alone is None or not len(alone.factor):
+            continue
+        # The one row is the parameter over its standard deviation.
+        scale = float(alone.factor[0] @ model.base.grouping[:, names.index(name)])
+        estimate = float(alone.factor[0] @ free.values) / scale
+        deviation = float(np.sqrt(alone.factor[0] @ certainty.covariance @ alone.factor[0])) / abs(scale)
+        distance = abs(estimate - value) / float(np.hypot(deviation, error))
+        if 2.0 * float(stdtr(certainty.median_freedom, -distance)) < _CONTRADICTED:
+            warnings.append(
+                f"The data contradict the known {name} = {value:.4g}: by themselves they give {estimate:.4g}, with a "
+                f"standard deviation of {deviation:.2g}."
+            )
+    return warnings
 
 
 def _add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:

@@ -48,6 +48,7 @@ function makerOf(schema) {
   const { type, items } = plain(schema);
   if (type === "number" || type === "integer") return number;
   if (type === "boolean") return mark;
+  if (type === "object" && plain(schema).additionalProperties?.type === "number") return pairs;
   return type === "array" && ["number", "integer", "string"].includes(items?.type) ? list : null;
 }
 
@@ -88,6 +89,13 @@ function list(schema, value, props) {
   const each = plain(schema).items.type === "string" ? String : Number;
   const parts = () => input.value.split(/[,;]/).map((part) => part.trim()).filter(Boolean).map(each);
   return { input, read: () => (parts().length ? parts() : (schema.default ?? null)) };
+}
+
+/** Numbers by name: "Ia3 = 0.2, Fc1 = 3". */
+function pairs(schema, value, props) {
+  const input = h("input", { value: Object.entries(value ?? {}).map((one) => one.join(" = ")).join(", "), placeholder: "name = number, another = …", ...props });
+  const parts = () => input.value.split(/[,;]/).filter((part) => part.trim()).map((part) => part.split("=").map((word) => word.trim()));
+  return { input, read: () => Object.fromEntries(parts().map(([name, number]) => [name, Number(number || NaN)])) };
 }
 
 function same(a, b) {
