@@ -27,6 +27,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     filter_whole_motion,
 )
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
+from dynident.identification.recording_faults.unexplained_torque import has_turned_friction
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.pseudo_inertia import find_description_units
@@ -48,6 +49,7 @@ PENDULUM = (
     )
     + "</robot>"
 )
+SPREAD = 1.0 + 0.01 * np.cos(np.arange(10.0))[:, None]
 SLOPE = np.array([-np.sqrt(0.5), 0.0, -np.sqrt(0.5)])
 
 
@@ -78,6 +80,28 @@ def test_a_turned_joint_with_little_friction_is_no_drive_that_is_off() -> None:
     signs = np.where(np.arange(robot.n) == joint, -1.0, 1.0)
     (found,), _ = find_recording_faults(robot, record(robot, motion, signs * tau))
     assert (found.fault.kind, found.fault.joints) == ("torque turned", (joint,))
+
+
+def test_friction_proves_a_sign_only_where_it_is_as_large_with_the_sign_turned() -> None:
+    """A gain that is wrong makes friction drive a joint, too, and has another size once the sign is turned."""
+    turned, others = ColumnFault("torque turned", (1,)), [0.3, 0.0, 0.25]
+    told = {
+        (before, after): has_turned_friction(
+            turned, *(others + size * np.eye(3)[1] * SPREAD for size in (before, after))
+        )
+        for before, after in ((-0.2, 0.2), (-0.2, 0.16), (-0.1, 0.01), (-0.07, 0.15), (0.2, -0.2), (-0.02, 0.02))
+    }
+    assert [sizes for sizes, is_told in told.items() if is_told] == [(-0.2, 0.2), (-0.2, 0.16)]
+    assert not has_turned_friction(ColumnFault("torques swapped", (0, 1)), *(np.full((10, 3), x) for x in (-0.2, 0.2)))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_torques_of_outer_joints_in_another_unit_are_named_together(seed: int) -> None:
+    """Beside each other, joints of a group have the friction of one unit, and are held against the others alone."""
+    motion, tau = measured(seed)
+    outer = np.where(np.arange(6) >= 3, 100.0, 1.0)
+    (found,), _ = find_recording_faults(ROBOT, record(ROBOT, motion, outer * tau))
+    assert (found.fault.kind, found.fault.joints, found.fault.factor) == ("torque scaled", (3, 4, 5), 0.01)
 
 
 def test_torques_that_are_all_turned_round_are_one_cause_with_one_cure() -> None:

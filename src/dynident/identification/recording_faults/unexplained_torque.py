@@ -18,7 +18,7 @@ from dynident.effects import (
     get_effect,
     get_role,
 )
-from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
+from dynident.identification.recording_faults.column_faults import TURNS, ColumnFault, Motion
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
     TorqueStep,
@@ -405,8 +405,7 @@ on the open recordings, of joints whose sign was turned less."""
 _KNOWN = 3.0
 """Standard errors from which on friction is surely not zero."""
 
-
-SURELY_ON = 0.19
+_SURELY_ON = 0.19
 """The same share from which on friction surely is that of a drive: of a motor that hardly works it has any sign."""
 
 
@@ -437,3 +436,30 @@ def find_joints_with_friction(frictions: FloatArray) -> BoolArray:
     # Each is that without a block of time: their scatter is the jackknife's standard error.
     error = np.sqrt(len(frictions) - 1) * frictions.std(axis=0)
     return np.asarray((frictions.mean(axis=0) > 0.0) & (frictions.mean(axis=0) >= _KNOWN * error))
+
+
+_AS_STRONG = 0.7
+"""Smaller of the frictions that drive a joint, and oppose it with its sign turned, over the larger: of signs that were
+turned mostly 0.8 and more, of gains that looked like a sign 0.5 and less (`benchmarks/planted_mistakes.py`)."""
+
+
+def has_turned_friction(fault: ColumnFault, frictions: FloatArray, mended: FloatArray) -> bool:
+    """Tell whether friction drives a joint, and opposes it as strongly with the joint's sign turned.
+
+    Friction that another cause makes drive a joint has another size once a sign is turned. Where a motor hardly works,
+    the torque that it lacks has any sign.
+
+    Parameters
+    ----------
+    fault : ColumnFault
+        The fault.
+    frictions, mended : (blocks, n)
+        As in `find_drives_off`, of the torque as it is, and without the fault.
+    """
+    if fault.kind not in TURNS:
+        return False
+    own = list(fault.own_joints)
+    joint = own[int(np.nanargmin(frictions.mean(axis=0)[own]))]
+    before, after = (float(sizes.mean(axis=0)[joint]) for sizes in (frictions, mended))
+    is_as_strong = -before * _AS_STRONG <= after <= -before / _AS_STRONG
+    return is_as_strong and (joint,) not in find_drives_off(frictions, _SURELY_ON)
