@@ -27,7 +27,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     filter_whole_motion,
 )
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
-from dynident.identification.recording_faults.unexplained_torque import has_turned_friction
+from dynident.identification.recording_faults.unexplained_torque import is_proved_by_friction
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.pseudo_inertia import find_description_units
@@ -49,7 +49,6 @@ PENDULUM = (
     )
     + "</robot>"
 )
-SPREAD = 1.0 + 0.01 * np.cos(np.arange(10.0))[:, None]
 SLOPE = np.array([-np.sqrt(0.5), 0.0, -np.sqrt(0.5)])
 
 
@@ -82,17 +81,20 @@ def test_a_turned_joint_with_little_friction_is_no_drive_that_is_off() -> None:
     assert (found.fault.kind, found.fault.joints) == ("torque turned", (joint,))
 
 
-def test_friction_proves_a_sign_only_where_it_is_as_large_with_the_sign_turned() -> None:
-    """A gain that is wrong makes friction drive a joint, too, and has another size once the sign is turned."""
-    turned, others = ColumnFault("torque turned", (1,)), [0.3, 0.0, 0.25]
-    told = {
-        (before, after): has_turned_friction(
-            turned, *(others + size * np.eye(3)[1] * SPREAD for size in (before, after))
+def test_friction_proves_a_sign_only_beside_other_joints_whose_drives_are_on() -> None:
+    """One of two joints may be passive: with a wrong gain it looks turned as one whose sign is."""
+    turned, spread = ColumnFault("torque turned", (1,)), 1.0 + 0.01 * np.cos(np.arange(10.0))[:, None]
+    proofs = [
+        is_proved_by_friction(fault, spread * [0.3, -before, *others], spread * [0.3, after, *others])
+        for fault, before, after, others in (
+            (turned, 0.2, 0.2, (0.25,)),
+            (turned, 0.2, 0.2, ()),
+            (turned, 0.02, 0.02, (0.25,)),
+            (turned, 0.2, -0.1, (0.25,)),
+            (ColumnFault("torques swapped", (0, 1)), 0.2, 0.2, (0.25,)),
         )
-        for before, after in ((-0.2, 0.2), (-0.2, 0.16), (-0.1, 0.01), (-0.07, 0.15), (0.2, -0.2), (-0.02, 0.02))
-    }
-    assert [sizes for sizes, is_told in told.items() if is_told] == [(-0.2, 0.2), (-0.2, 0.16)]
-    assert not has_turned_friction(ColumnFault("torques swapped", (0, 1)), *(np.full((10, 3), x) for x in (-0.2, 0.2)))
+    ]
+    assert proofs == [True, False, False, False, False]
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -56,7 +56,7 @@ from dynident.identification.recording_faults.unexplained_torque import (
     UnexplainedTorque,
     find_drives_off,
     find_joints_with_friction,
-    has_turned_friction,
+    is_proved_by_friction,
 )
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
@@ -227,7 +227,7 @@ def _is_certain(step: _FaultStep, now: UnexplainedTorque, frictions: FloatArray,
     # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
     # several joints at once this is not so. The zero of a joint may be what the description has wrong.
     may_be_sure = fault.kind not in ("torque scaled", "joint zero") or len(fault.joints) > 1
-    by_friction = now.against > step.unexplained.against and has_turned_friction(fault, frictions, mended)
+    by_friction = now.against > step.unexplained.against and is_proved_by_friction(fault, frictions, mended)
     is_clear = by_friction or fall >= (_CERTAIN_OF_JOINTS if fault.is_of_whole_joints else _CERTAIN)
     return may_be_sure and is_clear and step.unexplained.average_share <= SOUND
 
@@ -256,8 +256,9 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         fault
         for fault in among
         if _is_possible_fault(fault, robot, motion, sizes)
-        # Little friction may be that of a small joint: turned, its torque is explained much better.
-        and (fault.own_joints not in off or now.is_turned(fault, judge.measure_unexplained(fault.mend(motion))))
+        # Little friction may be that of a small joint, or of a wrong position: mended, its torque is explained much
+        # better.
+        and (fault.own_joints not in off or now.is_much_above(judge.measure_unexplained(fault.mend(motion)), fault))
     ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
