@@ -85,16 +85,17 @@ def test_friction_proves_a_sign_only_beside_other_joints_whose_drives_are_on() -
     """One of two joints may be passive: with a wrong gain it looks turned as one whose sign is."""
     turned, spread = ColumnFault("torque turned", (1,)), 1.0 + 0.01 * np.cos(np.arange(10.0))[:, None]
     proofs = [
-        is_proved_by_friction(fault, spread * [0.3, -before, *others], spread * [0.3, after, *others])
-        for fault, before, after, others in (
-            (turned, 0.2, 0.2, (0.25,)),
-            (turned, 0.2, 0.2, ()),
-            (turned, 0.02, 0.02, (0.25,)),
-            (turned, 0.2, -0.1, (0.25,)),
-            (ColumnFault("torques swapped", (0, 1)), 0.2, 0.2, (0.25,)),
+        is_proved_by_friction(fault, spread * before, spread * after)
+        for fault, before, after in (
+            (turned, [0.3, -0.2, 0.25], [0.3, 0.2, 0.25]),
+            (ColumnFault("torque turned", (0, 1)), [-0.3, -0.2], [0.3, 0.2]),
+            (turned, [0.3, -0.2], [0.3, 0.2]),
+            (turned, [0.3, -0.02, 0.25], [0.3, 0.02, 0.25]),
+            (turned, [0.3, -0.2, 0.25], [0.3, -0.1, 0.25]),
+            (ColumnFault("torques swapped", (0, 1)), [0.3, -0.2, 0.25], [0.3, 0.2, 0.25]),
         )
     ]
-    assert proofs == [True, False, False, False, False]
+    assert proofs == [True, True, False, False, False, False]
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -438,16 +438,11 @@ def find_joints_with_friction(frictions: FloatArray) -> BoolArray:
     return np.asarray((frictions.mean(axis=0) > 0.0) & (frictions.mean(axis=0) >= _KNOWN * error))
 
 
-_FEWEST_ALIKE = 3
-"""Joints that friction surely opposes once a sign is turned, for it to prove the sign. Of two joints one is often
-passive: of such a joint, with a wrong gain, friction looked turned as it is where a sign is
-(`benchmarks/planted_mistakes.py`)."""
-
-
 def is_proved_by_friction(fault: ColumnFault, frictions: FloatArray, mended: FloatArray) -> bool:
     """Tell whether friction that drives joints proves their signs: without the fault it opposes them, as the others.
 
-    Of a motor that hardly works the torque that it lacks has any sign, and so has its friction.
+    Of two joints both have to be turned: one is often passive, and with a wrong gain its friction may have any sign. So
+    has that of a motor that hardly works, by the torque that it lacks.
 
     Parameters
     ----------
@@ -457,4 +452,5 @@ def is_proved_by_friction(fault: ColumnFault, frictions: FloatArray, mended: Flo
         As in `find_drives_off`, of the torque as it is, and without the fault.
     """
     is_on = fault.own_joints not in find_drives_off(frictions, _SURELY_ON)
-    return fault.kind in TURNS and is_on and int(find_joints_with_friction(mended).sum()) >= _FEWEST_ALIKE
+    opposed, driven = find_joints_with_friction(mended), find_joints_with_friction(-frictions)
+    return fault.kind in TURNS and is_on and bool(opposed.sum() > 2 or (opposed & driven).sum() > 1)
