@@ -81,6 +81,20 @@ def test_a_turned_joint_with_little_friction_is_no_drive_that_is_off() -> None:
     assert (found.fault.kind, found.fault.joints) == ("torque turned", (joint,))
 
 
+@pytest.mark.parametrize("seed", [0, 2, 7])
+def test_a_joint_whose_angle_is_of_the_base_is_no_drive_that_is_off(seed: int) -> None:
+    """By the wrong velocity its torque seems to overcome no friction."""
+    robot = robot_from_urdf("pendulum", PENDULUM)
+    motion = fourier_motion(robot, 20.0, 200.0, seed)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    peak, noise = np.abs(tau).max(axis=0), np.random.default_rng(seed).normal(size=tau.shape)
+    tau = tau + peak * (0.08 * np.sign(motion.dq) + 0.03 * motion.dq + 0.005 * noise)
+    assert find_recording_faults(robot, record(robot, motion, tau))[0] == ()
+    q, dq, ddq = (np.cumsum(signal, axis=1) for signal in (motion.q, motion.dq, motion.ddq))
+    (found,), _ = find_recording_faults(robot, record(robot, replace(motion, q=q, dq=dq, ddq=ddq), tau))
+    assert (found.fault.kind, found.fault.joints, found.fault.factor) == ("joint coupled", (1, 0), 1.0)
+
+
 def test_friction_proves_a_sign_only_beside_other_joints_whose_drives_are_on() -> None:
     """One of two joints may be passive: with a wrong gain it looks turned as one whose sign is."""
     turned, spread = ColumnFault("torque turned", (1,)), 1.0 + 0.01 * np.cos(np.arange(10.0))[:, None]

@@ -399,8 +399,8 @@ its sign or size. Of an arm with a free motor it was up to 0.062; of drives that
 hardly more than one frequency, and 0.19 otherwise. This is half way between, in logarithms."""
 
 _EXPLAINED_MUCH = 0.75
-"""Share of what is unexplained of a joint that is left with its sign turned: where a drive is off it was 0.92 and more
-on the open recordings, of joints whose sign was turned less."""
+"""Share of what is unexplained of a joint that is left without a fault of its columns: with the sign turned of a drive
+that is off it was 0.92 and more on the open recordings, of joints whose sign was turned less."""
 
 _KNOWN = 3.0
 """Standard errors from which on friction is surely not zero."""
