@@ -433,7 +433,7 @@ def _in_memory(recording: Recording) -> Recording:
 
 def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
     said, noticed, refused, words = RecordingMetadata(), False, False, ""
-    known, first, ordered = {name for name, one in right.found.items()}, False, True
+    known, first, ordered, wrongly = {name for name, one in right.found.items()}, False, True, False
     robot = planted.robot or robot
     read = read_file(robot, planted.columns)
     for turn in range(MOST_CURES + 1):
@@ -446,13 +446,16 @@ def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
             words = ", ".join(f"{one.name} ({one.status})" for one in new)
             first = bool(new) and min(new, key=lambda one: one.status != "error").name in NAMES[planted.kind]
         cure = next((one.apply for one in sorted(new, key=lambda one: one.status != "error") if one.apply), None)
-        if cure is None or turn == MOST_CURES:
+        is_last = cure is None or turn == MOST_CURES
+        if ordered and (is_last or not any(one.status == "error" and one.apply for one in new)):
+            # So far `--cure` goes: what it has made of the file is read as it is.
+            ordered, is_read = False, said != RecordingMetadata() and read.recording is not None
+            wrongly = is_read and not _is_cured(robot, right, read, planted, said)
+        if cure is None or is_last:
             break
-        ordered &= any(one.status == "error" and one.apply is not None for one in new)
         said = cure.apply_to(said)
         read = read_file(robot, planted.columns, said)
     cured = noticed and planted.kind not in TOLD_ONLY and _is_cured(robot, right, read, planted, said)
-    wrongly = said != RecordingMetadata() and ordered and read.recording is not None and not cured
     harmful = cured or _harm(robot, right, planted)
     # An arm that moves in a mirror as it does: what is said instead is the same.
     return Outcome(planted, harmful, noticed, refused, cured, first or cured, wrongly, words)
@@ -569,7 +572,8 @@ def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: Rec
     if now.shape == then.shape and np.allclose(now, then, rtol=1e-3, atol=1e-3 * np.abs(now).max(axis=0)):
         return True
     usual, left = filter_motion(right.recording), filter_motion(read.recording)
-    if planted.kind.endswith("x 10") or usual is None or left is None:
+    # A gain is no other one that explains as much.
+    if planted.kind.endswith(("x 10", "gains")) or usual is None or left is None:
         return False
     return measure_unexplained_share(robot, left) <= 1.05 * measure_unexplained_share(robot, usual)
 

@@ -20,12 +20,12 @@ from dynident.identification.recording_faults.fault_search import search_faults
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.torque_scale import (
+    are_nearer_to_others,
     compute_described_load,
     find_excess_friction,
     find_torque_scales,
     get_effort_limits,
     is_nearer_to_masses,
-    is_nearer_to_others,
 )
 from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.recordings import (
@@ -370,10 +370,14 @@ def test_friction_that_the_data_do_not_tell_is_held_against_nothing() -> None:
 def test_a_torque_whose_friction_is_as_the_others_is_in_no_other_unit() -> None:
     usual = 0.06 * EFFORT * np.ones((10, 6))
     large = usual * np.where(np.arange(6) == 4, 10.0, 1.0)
-    assert not any(is_nearer_to_others(ROBOT, usual, 4, factor) for factor in (1e-3, 0.1, 10.0))
-    assert is_nearer_to_others(ROBOT, large, 4, 0.1)
-    assert not is_nearer_to_others(ROBOT, large, 4, 1e-3)
-    assert is_nearer_to_others(ROBOT, np.full((10, 6), np.nan), 4, 1e-3)
+    assert not any(are_nearer_to_others(ROBOT, usual, [4], factor) for factor in (1e-3, 0.1, 10.0))
+    assert are_nearer_to_others(ROBOT, large, [4], 0.1)
+    assert not are_nearer_to_others(ROBOT, large, [4], 1e-3)
+    assert are_nearer_to_others(ROBOT, np.full((10, 6), np.nan), [4], 1e-3)
+    # Most joints in another unit: of each by itself the others say nothing, of all of them the first one does.
+    outer = usual * np.where(np.arange(6) >= 1, 100.0, 1.0)
+    assert are_nearer_to_others(ROBOT, outer, range(1, 6), 0.01)
+    assert not are_nearer_to_others(ROBOT, outer, [4], 0.01)
 
 
 def test_a_load_that_shows_in_a_part_of_the_motion_alone_tells_nothing_of_the_unit() -> None:

@@ -27,6 +27,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     filter_whole_motion,
 )
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
+from dynident.identification.recording_faults.unexplained_torque import is_proved_by_friction
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.pseudo_inertia import find_description_units
@@ -78,6 +79,46 @@ def test_a_turned_joint_with_little_friction_is_no_drive_that_is_off() -> None:
     signs = np.where(np.arange(robot.n) == joint, -1.0, 1.0)
     (found,), _ = find_recording_faults(robot, record(robot, motion, signs * tau))
     assert (found.fault.kind, found.fault.joints) == ("torque turned", (joint,))
+
+
+@pytest.mark.parametrize("seed", [0, 2, 7])
+def test_a_joint_whose_angle_is_of_the_base_is_no_drive_that_is_off(seed: int) -> None:
+    """By the wrong velocity its torque seems to overcome no friction."""
+    robot = robot_from_urdf("pendulum", PENDULUM)
+    motion = fourier_motion(robot, 20.0, 200.0, seed)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    peak, noise = np.abs(tau).max(axis=0), np.random.default_rng(seed).normal(size=tau.shape)
+    tau = tau + peak * (0.08 * np.sign(motion.dq) + 0.03 * motion.dq + 0.005 * noise)
+    assert find_recording_faults(robot, record(robot, motion, tau))[0] == ()
+    q, dq, ddq = (np.cumsum(signal, axis=1) for signal in (motion.q, motion.dq, motion.ddq))
+    (found,), _ = find_recording_faults(robot, record(robot, replace(motion, q=q, dq=dq, ddq=ddq), tau))
+    assert (found.fault.kind, found.fault.joints, found.fault.factor) == ("joint coupled", (1, 0), 1.0)
+
+
+def test_friction_proves_a_sign_only_beside_other_joints_whose_drives_are_on() -> None:
+    """One of two joints may be passive: with a wrong gain it looks turned as one whose sign is."""
+    turned, spread = ColumnFault("torque turned", (1,)), 1.0 + 0.01 * np.cos(np.arange(10.0))[:, None]
+    proofs = [
+        is_proved_by_friction(fault, spread * before, spread * after)
+        for fault, before, after in (
+            (turned, [0.3, -0.2, 0.25], [0.3, 0.2, 0.25]),
+            (ColumnFault("torque turned", (0, 1)), [-0.3, -0.2], [0.3, 0.2]),
+            (turned, [0.3, -0.2], [0.3, 0.2]),
+            (turned, [0.3, -0.02, 0.25], [0.3, 0.02, 0.25]),
+            (turned, [0.3, -0.2, 0.25], [0.3, -0.1, 0.25]),
+            (ColumnFault("torques swapped", (0, 1)), [0.3, -0.2, 0.25], [0.3, 0.2, 0.25]),
+        )
+    ]
+    assert proofs == [True, True, False, False, False, False]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_torques_of_outer_joints_in_another_unit_are_named_together(seed: int) -> None:
+    """Beside each other, joints of a group have the friction of one unit, and are held against the others alone."""
+    motion, tau = measured(seed)
+    outer = np.where(np.arange(6) >= 3, 100.0, 1.0)
+    (found,), _ = find_recording_faults(ROBOT, record(ROBOT, motion, outer * tau))
+    assert (found.fault.kind, found.fault.joints, found.fault.factor) == ("torque scaled", (3, 4, 5), 0.01)
 
 
 def test_torques_that_are_all_turned_round_are_one_cause_with_one_cure() -> None:

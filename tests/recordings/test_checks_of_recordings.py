@@ -14,6 +14,7 @@ from dynident.recordings import (
     RecordedJoints,
     RecordingError,
     RecordingMetadata,
+    Revision,
     import_recording,
     phase_shares,
 )
@@ -320,6 +321,15 @@ def test_friction_says_nothing_of_signs_where_a_model_says_that_the_zeros_are_wr
 
     _, checks = given(tmp_path, changed("tau2", np.negative, motion(9000)), against=against)
     assert [check.name for check in checks if check.status != "ok"] == ["joint_zero"]
+
+
+def test_a_sign_that_a_model_doubts_is_not_made_sure_by_friction(tmp_path):
+    def against(recording, q, tau):
+        turned = Check("torque_sign", "warning", "possibly turned", tau[1], apply=Revision(signs={"tau2": -1.0}))
+        return (Check("torque_order", "ok", "as it is"), turned)
+
+    _, checks = given(tmp_path, changed("tau2", np.negative, motion(9000)), against=against)
+    assert [(check.name, check.status) for check in checks if check.status != "ok"] == [("torque_sign", "warning")]
 
 
 @pytest.mark.parametrize("order", [(2, 1, 3), (1, 3, 2), (3, 2, 1), (2, 3, 1)])

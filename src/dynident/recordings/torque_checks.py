@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
 import scipy
 
@@ -83,16 +81,13 @@ def check_torque(
     model_checks = (
         None if wrong and wrong[0].name != "constant_torque" else _run_model_checks(recording, layout, against)
     )
-    if layout.n_base:
-        # Friction and the models of the checks know nothing of what the surroundings do to a base that moves.
-        return [*checks, *(model_checks or ())]
-    if wrong:
+    if wrong and not layout.n_base:
         # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
         return [*(doubt for doubt in model_checks or () if doubt.name == COMMANDED), *checks]
-    if any(doubt.name in ("torque_order", "joint_zero", COMMANDED) for doubt in model_checks or ()):
+    if layout.n_base or any(doubt.name in ("torque_order", "joint_zero", COMMANDED) for doubt in model_checks or ()):
         # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
-        # mistake, which looks like a delay as well.
-        return [*checks, *_confirm_sign(recording, model_checks or (), layout, sample)]
+        # mistake, which looks like a delay as well. Friction knows nothing of what the surroundings do to a base.
+        return [*checks, *(model_checks or ())]
     evidence = against_motion.gather_evidence(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to detect this without a model."
@@ -105,17 +100,6 @@ def check_torque(
 def _run_model_checks(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
     q, tau = ([column.source for column in columns] for columns in (layout.q, layout.tau))
     return against(recording, q, tau) if against is not None and recording.role != "friction" else None
-
-
-def _confirm_sign(
-    recording: Recording, model_checks: Sequence[Check], layout: Layout, sample: RawSample
-) -> Iterator[Check]:
-    """Yield the checks of a model, a sign that it doubts being sure where friction and inertia are so."""
-    for check in model_checks:
-        doubted = (check.name, check.status) == ("torque_sign", "warning")
-        evidence = against_motion.gather_evidence(recording) if doubted else None
-        by_friction = _check_sign(recording, evidence, layout, sample) if evidence is not None else []
-        yield next((sure for sure in by_friction if (sure.status, sure.apply) == ("error", check.apply)), check)
 
 
 def _check_order_and_sign(

@@ -212,8 +212,8 @@ _OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turne
 _SMALL = 1e-3
 """Factor that silences a torque: zero would take the joint out of the joints with a torque."""
 
-FACTORS = (0.001, 0.1, 10.0, 1000.0)
-"""Factors that mend a torque: a gain that is ten times off, and units in steps of a thousand."""
+FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
+"""Factors that mend a torque: gains and units that are one to three powers of ten off."""
 
 _SUM, _DIFFERENCE = (1, 1), (1, -1)
 MIXINGS = tuple(

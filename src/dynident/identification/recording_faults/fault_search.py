@@ -39,6 +39,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     thin_out,
 )
 from dynident.identification.recording_faults.torque_scale import (
+    are_nearer_to_others,
     compute_described_load,
     find_driving_joints,
     find_excess_friction,
@@ -46,17 +47,16 @@ from dynident.identification.recording_faults.torque_scale import (
     find_joints_of_right_size,
     find_revolute_joints,
     is_nearer_to_masses,
-    is_nearer_to_others,
     refine_factor_by_masses,
 )
 from dynident.identification.recording_faults.tree_fit import find_moving_joints, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY_IN_ALL_BLOCKS,
-    SURELY_ON,
     HeldOutFit,
     UnexplainedTorque,
     find_drives_off,
     find_joints_with_friction,
+    is_proved_by_friction,
 )
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
@@ -193,24 +193,16 @@ def search_faults(
         step = _find_best_fault(judge, robot, motion, now)
         if step is None:
             break
-        fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
         mended = step.fault.mend(motion)
         if judge is judges.plain_fit:
             before, after = (judges.offset_fit.measure_unexplained(rows) for rows in (motion, mended))
-            if before.score - after.score < BESIDE_OFFSETS * fall:
+            if before.score - after.score < BESIDE_OFFSETS * (now.score - step.unexplained.score):
                 # A constant torque explains the same, so the search goes on with constant torques in the model.
                 judge, now = judges.offset_fit, before
                 continue
-        if step.fault.own_joints in find_drives_off(judge.measure_frictions(motion), SURELY_ON):
-            # A motor that hardly works may drive its joint by what its torque lacks: no reason to order a cure.
-            summed = now.compute_fall_to(step.unexplained) * float(now.moving.sum())
-        least = _CERTAIN_OF_JOINTS if step.fault.is_of_whole_joints else _CERTAIN
-        # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
-        # several joints at once this is not so. The zero of a joint may be what the description has wrong.
-        may_be_sure = step.fault.kind not in ("torque scaled", "joint zero") or len(step.fault.joints) > 1
-        certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
-        left = (now.average_share, step.unexplained.average_share)
-        findings.append(DetectedFault(step.fault, step.alike, *left, certain))
+        certain = _is_certain(step, now, *(judge.measure_frictions(rows) for rows in (motion, mended)))
+        left_with, left_without = now.average_share, step.unexplained.average_share
+        findings.append(DetectedFault(step.fault, step.alike, left_with, left_without, certain))
         motion, now = mended, step.unexplained
     return tuple(findings), now
 
@@ -224,6 +216,20 @@ class _FaultStep(NamedTuple):
     fault: ColumnFault
     alike: tuple[ColumnFault, ...]
     unexplained: UnexplainedTorque
+
+
+def _is_certain(step: _FaultStep, now: UnexplainedTorque, frictions: FloatArray, mended: FloatArray) -> bool:
+    """Tell whether a fault is certain: what is left without it is small, and much less, or friction proves a sign.
+
+    `frictions` (blocks, n) are those of the torque as it is, `mended` those without the fault.
+    """
+    fault, fall = step.fault, now.compute_fall_to(step.unexplained) * float(now.moving.sum())
+    # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
+    # several joints at once this is not so. The zero of a joint may be what the description has wrong.
+    may_be_sure = fault.kind not in ("torque scaled", "joint zero") or len(fault.joints) > 1
+    by_friction = now.against > step.unexplained.against and is_proved_by_friction(fault, frictions, mended)
+    is_clear = by_friction or fall >= (_CERTAIN_OF_JOINTS if fault.is_of_whole_joints else _CERTAIN)
+    return may_be_sure and is_clear and step.unexplained.average_share <= SOUND
 
 
 def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: UnexplainedTorque) -> _FaultStep | None:
@@ -250,8 +256,9 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         fault
         for fault in among
         if _is_possible_fault(fault, robot, motion, sizes)
-        # Little friction may be that of a small joint: turned, its torque is explained much better.
-        and (fault.own_joints not in off or now.is_turned(fault, judge.measure_unexplained(fault.mend(motion))))
+        # Little friction may be that of a small joint, or of a wrong position: mended, its torque is explained much
+        # better.
+        and (fault.own_joints not in off or now.is_much_above(judge.measure_unexplained(fault.mend(motion)), fault))
     ]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
@@ -289,9 +296,8 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
             if best.factor == 1.0:
                 continue
             unexplained = judge.measure_unexplained(best.mend(motion))
-        return _FaultStep(
-            best, tuple(fault for fault in alike if not _is_distinguished(best, fault, described)), unexplained
-        )
+        undecided = (fault for fault in alike if not (described.refutes(fault) or described.prefers(best, fault)))
+        return _FaultStep(best, tuple(undecided), unexplained)
     return _find_fault_by_masses(trials, now, described)
 
 
@@ -400,10 +406,6 @@ def _is_same_zero(fault: ColumnFault, other: ColumnFault) -> bool:
     return (fault.kind, other.kind, fault.joints) == ("joint zero", "joint zero", other.joints)
 
 
-def _is_distinguished(best: ColumnFault, other: ColumnFault, described: DescriptionFit) -> bool:
-    return described.refutes(other) or described.prefers(best, other)
-
-
 @dataclass(frozen=True, eq=False)
 class _TorqueEvidence:
     """Evidence of a torque's size.
@@ -432,10 +434,8 @@ def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: 
         return False
     if sizes.excess and (not set(sizes.excess) <= set(fault.joints) or fault.factor > 1.0):
         return False
-    return all(
-        is_nearer_to_masses(sizes.load, motion, joint, fault.factor)
-        and is_nearer_to_others(robot, sizes.frictions, joint, fault.factor)
-        for joint in fault.joints
+    return are_nearer_to_others(robot, sizes.frictions, fault.joints, fault.factor) and all(
+        is_nearer_to_masses(sizes.load, motion, joint, fault.factor) for joint in fault.joints
     )
 
 

@@ -110,8 +110,8 @@ def _find_by_make(robot: Robot, size: FloatArray, known: BoolArray, limits: Floa
     return excess
 
 
-def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: float) -> bool:
-    """Tell whether a joint's torque times `factor` has a friction nearer to the others'.
+def are_nearer_to_others(robot: Robot, frictions: FloatArray, joints: Sequence[int], factor: float) -> bool:
+    """Tell whether the torques of some joints times `factor` have a friction nearer to that of all others.
 
     Friction is compared as a share of the limit of effort, where the description has one. Where it is not known it does
     not contradict.
@@ -122,20 +122,20 @@ def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor:
         The robot.
     frictions : (blocks, n)
         As in `find_excess_friction`.
-    joint : int
-        Number of the joint, from 0.
+    joints : sequence of int
+        Numbers of the joints, from 0.
     factor : float
-        Factor that the torque is multiplied by.
+        Factor that the torques are multiplied by.
     """
     size, known = _summarise_frictions(frictions)
-    others = known & (np.arange(robot.n) != joint)
-    if not known[joint] or not others.any():
+    scaled = np.isin(np.arange(robot.n), joints)
+    if not (known & ~scaled).any():
         return True
     limits = get_effort_limits(robot)
     share = size if limits is None else size / limits
-    times = float(share[joint] / np.median(share[others]))
+    times = share[known & scaled] / np.median(share[known & ~scaled])
     # In logarithms: ten times too large is as far off as ten times too small.
-    return bool(abs(np.log(factor * times)) < abs(np.log(times)))
+    return bool((np.abs(np.log(factor * times)) < np.abs(np.log(times))).all())
 
 
 def _summarise_frictions(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -295,7 +295,7 @@ def find_torque_scales(
         far = {
             joint: times
             for joint, times in far.items()
-            if is_nearer_to_others(robot, beside[joint], joint, 0.9 if times > 1.0 else 1.1)
+            if are_nearer_to_others(robot, beside[joint], [joint], 0.9 if times > 1.0 else 1.1)
         }
     # A joint that carries most of the arm needs little of its load to tell that a torque is far too large: neither
     # friction nor a load at the flange is several times that. A motor that is off looks too small in any joint.

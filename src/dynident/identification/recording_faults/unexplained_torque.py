@@ -18,7 +18,7 @@ from dynident.effects import (
     get_effect,
     get_role,
 )
-from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
+from dynident.identification.recording_faults.column_faults import TURNS, ColumnFault, Motion
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
     TorqueStep,
@@ -112,10 +112,10 @@ class UnexplainedTorque:
         """Return the sum over the joints of the logarithm by which the score falls to another."""
         return float(self.moving.sum()) * (self.score - other.score)
 
-    def is_turned(self, fault: ColumnFault, turned: UnexplainedTorque) -> bool:
-        """Return whether joints are much better explained without a fault of their signs."""
-        has_less = all(turned.joints[joint] <= _EXPLAINED_TURNED * self.joints[joint] for joint in fault.own_joints)
-        return has_less and fault.kind.endswith("turned")
+    def is_much_above(self, mended: UnexplainedTorque, fault: ColumnFault) -> bool:
+        """Return whether the joints of a fault are much better explained without it; a size says nothing of that."""
+        has_less = all(mended.joints[joint] <= _EXPLAINED_MUCH * self.joints[joint] for joint in fault.own_joints)
+        return has_less and fault.kind != "torque scaled"
 
     def is_surely_above(self, other: UnexplainedTorque) -> bool:
         """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
@@ -398,15 +398,14 @@ _OFF = 0.09
 its sign or size. Of an arm with a free motor it was up to 0.062; of drives that are on at least 0.13, in motions of
 hardly more than one frequency, and 0.19 otherwise. This is half way between, in logarithms."""
 
-_EXPLAINED_TURNED = 0.75
-"""Share of what is unexplained of a joint that is left with its sign turned: where a drive is off it was 0.92 and more
-on the open recordings, of joints whose sign was turned less."""
+_EXPLAINED_MUCH = 0.75
+"""Share of what is unexplained of a joint that is left without a fault of its columns: with the sign turned of a drive
+that is off it was 0.92 and more on the open recordings, of joints whose sign was turned less."""
 
 _KNOWN = 3.0
 """Standard errors from which on friction is surely not zero."""
 
-
-SURELY_ON = 0.19
+_SURELY_ON = 0.19
 """The same share from which on friction surely is that of a drive: of a motor that hardly works it has any sign."""
 
 
@@ -437,3 +436,21 @@ def find_joints_with_friction(frictions: FloatArray) -> BoolArray:
     # Each is that without a block of time: their scatter is the jackknife's standard error.
     error = np.sqrt(len(frictions) - 1) * frictions.std(axis=0)
     return np.asarray((frictions.mean(axis=0) > 0.0) & (frictions.mean(axis=0) >= _KNOWN * error))
+
+
+def is_proved_by_friction(fault: ColumnFault, frictions: FloatArray, mended: FloatArray) -> bool:
+    """Tell whether friction that drives joints proves their signs: without the fault it opposes them, as the others.
+
+    Of two joints both have to be turned: one is often passive, and with a wrong gain its friction may have any sign. So
+    has that of a motor that hardly works, by the torque that it lacks.
+
+    Parameters
+    ----------
+    fault : ColumnFault
+        The fault.
+    frictions, mended : (blocks, n)
+        As in `find_drives_off`, of the torque as it is, and without the fault.
+    """
+    is_on = fault.own_joints not in find_drives_off(frictions, _SURELY_ON)
+    opposed, driven = find_joints_with_friction(mended), find_joints_with_friction(-frictions)
+    return fault.kind in TURNS and is_on and bool(opposed.sum() > 2 or (opposed & driven).sum() > 1)
