@@ -772,6 +772,50 @@ def test_columns_that_the_user_states_are_those_that_the_others_are_judged_besid
         assert not any("tau_a" in question.detail for question in proposal.questions)
 
 
+def test_columns_are_those_that_the_user_states_whatever_others_are_called(tmp_path: Path) -> None:
+    """Names such as (a) and q1 are no patterns: findings name them as the file does."""
+    given = log("ur10", 2, duration=8.0)
+    rng = np.random.default_rng(2)
+    columns: dict[str, np.ndarray] = {"time": given.t}
+    columns |= {f"q{k + 1}": rng.normal(size=len(given.t)) for k in range(6)}
+    columns |= {f"(a){k}.*": given.q[:, k] for k in range(6)}
+    columns |= {f"({k}": given.tau[:, k] for k in range(6)}
+    columns["(a)2.*"][500:900] = np.nan
+    stated = {f"q{k + 1}": f"(a){k}.*" for k in range(6)} | {f"tau{k + 1}": f"({k}" for k in range(6)}
+    proposal = inspect_file(write(tmp_path / "a.parquet", columns), given.robot, columns=stated).proposal
+    assert proposal is not None
+    assert proposal.is_sure
+    assert stated.items() <= proposal.columns.items()
+    (lost,) = [one.reason for one in proposal.guesses if one.field == "rows/rows_left_out"]
+    assert "(a)2.* (400 in rows 501-900)" in lost
+
+
+@pytest.mark.parametrize(("joint", "moved"), [(2, True), (5, False)])
+def test_a_position_that_never_changes_is_the_cause_where_a_standing_joint_does_not_explain_the_torque(
+    joint: int, moved: bool
+) -> None:
+    given = log("ur10", 6)
+    q, motion = given.q.copy(), fourier_motion(given.robot, 20.0, 100.0, 6)
+    q[:, joint] = given.q[0, joint]
+    tau = given.tau
+    if not moved:
+        still = [np.where(np.arange(6) == joint, 0.0, signal) for signal in (motion.dq, motion.ddq)]
+        tau = pinocchio_torque(given.robot, q, *still) + 0.01 * given.tau[::-1]
+    reasons = " ".join(one.reason for one in guess(given.robot, given.columns(q, tau)).guesses)
+    assert (f"q{joint + 1} (elbow_joint) never changes" in reasons) is moved
+
+
+@pytest.mark.parametrize("stated", ["", " [rad]", " [deg]"])
+def test_angles_of_motors_that_leave_the_joints_ranges_ask_for_the_gears(stated: str) -> None:
+    given = log("ur10", 7)
+    angles = given.q * np.array([125.0, -133.3, 101.0, 51.0, -60.0, 50.0])
+    angles = np.rad2deg(angles) if "deg" in stated else angles
+    columns = {"t": given.t} | {f"joint {k + 1} position (motor side){stated}": angles[:, k] for k in range(6)}
+    columns |= {f"tau{k + 1}": given.tau[:, k] for k in range(6)}
+    details = [one.detail for one in guess(given.robot, columns).questions]
+    assert any("gear ratio" in detail for detail in details), details
+
+
 def test_counts_and_shares_of_rated_torques_are_told_by_the_objects_of_the_drives() -> None:
     """CiA 402: first gains are asked for; with them counts that differ by joint are asked with estimates of each."""
     given = log("ur5", 1, duration=12.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,12 +31,15 @@ class Sample:
         Units that the file states, by column.
     remarks : tuple of str
         How the file was read, for the user.
+    stated : dict of str to str
+        What the user says that columns are, as our name of each.
     """
 
     names: tuple[str, ...]
     values: FloatArray
     units: dict[str, str]
     remarks: tuple[str, ...] = ()
+    stated: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

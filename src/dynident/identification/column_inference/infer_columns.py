@@ -350,8 +350,8 @@ class _ColumnInference(WorkingProposal):
             return []
         # All joints without a torque share one empty column.
         empty = np.full((len(self.sample.values), 1), np.nan)
-        columns = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
-        self.sample = Sample(*columns, self.sample.units)
+        names, values = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
+        self.sample = replace(self.sample, names=names, values=values)
         self.values = np.column_stack([self.values, np.zeros(len(self.values))])
         self.alive = np.append(self.alive, False)
         return [torque]
@@ -367,7 +367,7 @@ class _ColumnInference(WorkingProposal):
         turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
         stated = turning[0] if turning and len(set(turning)) == 1 else None
         turned = of_units.guess_position_unit(self.robot, q, stated, tau, self.fits)
-        if turned is not None and stated is None and position.named.motor:
+        if turned is not None and position.named.motor and (stated is None or turned.confidence < of_units.SURE):
             turned = self.doubt_unit_of_motors(self.fits, q, tau, turned)
         joints = [index for index, joint in enumerate(self.robot.joints) if joint.kind == "revolute"]
         by_step = {} if any(turning) else guess_servo_units(q, joints)
