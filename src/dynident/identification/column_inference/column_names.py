@@ -72,10 +72,10 @@ _UNITS = {
     "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
     "kgf": "kgf", "lbf": "lbf", "gon": "gon", "mdeg": "mdeg", "arcmin": "arcmin", "arcsec": "arcsec", "cnm": "cN m",
     "danm": "daN m", "рад": "rad", "град": "deg", "н·м": "N m", "нм": "N m", "度": "deg", "d": "d", "day": "d",
-    "days": "d",
+    "days": "d", "um": "um", "µm": "um", "μm": "um",
 }  # fmt: skip
 _SUFFIXES = _split_words(
-    "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille "
+    "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm um rpm nm mnm knm ncm a ma s sec ms us ns permille "
     "promille percent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
@@ -327,6 +327,8 @@ def find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
 
 def _normalise_unit(unit: str) -> str:
     unit = unit.strip().casefold().replace("²", "^2").replace("**2", "^2").replace("-", "")
+    if unit.startswith("%"):
+        return "%"  # whatever it is a share of: % rated
     return unit if unit in _UNITS else re.sub(r"[ *·⋅._]", "", unit)
 
 

@@ -156,11 +156,11 @@ a torque's peaks are within a few."""
 
 
 def find_changing_columns(values: FloatArray) -> BoolArray:
-    """Return which columns (columns,) hold numbers, and more than one."""
+    """Return which columns (columns,) hold numbers in most rows, and more than one."""
     if not len(values):
         return np.zeros(values.shape[1], dtype=bool)
     finite = np.isfinite(values)
-    enough = finite.mean(axis=0) > 0.9
+    enough = finite.mean(axis=0) > 0.5
     low = np.where(finite, values, np.inf).min(axis=0)
     high = np.where(finite, values, -np.inf).max(axis=0)
     return np.asarray(enough & (high > low))

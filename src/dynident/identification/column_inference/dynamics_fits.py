@@ -460,7 +460,7 @@ def check_against_dynamics(
     causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
     stuck = np.flatnonzero(np.ptp(q, axis=0) == 0.0)
     if len(stuck) and not causes and unexplained.average_share > _MUCH:
-        never = ", ".join(f"{names[0][joint]} ({robot.joint_names[joint]})" for joint in stuck)
+        never = ", ".join(f"{names[0][joint]} ({robot.joint_names[joint]})" for joint in map(int, stuck))
         reason += (
             f"; most probably: {never} never changes, and a joint that stands does not explain this: if it moved, its "
             "position was not recorded, and without it the motion of the links behind it is not known. Record it, or "
