@@ -867,6 +867,17 @@ def test_axes_that_slide_in_micrometres_and_their_forces_are_read() -> None:
         assert proposal.columns["tau3"] == "z_force_N"
 
 
+@pytest.mark.parametrize("seed", [13, 14])
+def test_names_of_positions_and_velocities_that_are_exchanged_are_asked_about(seed: int) -> None:
+    given = log("ur10", seed)
+    rates = fourier_motion(given.robot, 20.0, 100.0, seed).dq
+    columns = given.columns(q=rates) | {f"dq{k + 1}": given.q[:, k] for k in range(6)}
+    asked = [one for one in guess(given.robot, columns).questions if "exchanged" in one.detail]
+    assert len(asked) == 1
+    stated = dict(asked[0].remedies[0].value)  # type: ignore[arg-type]
+    assert stated == {f"q{k + 1}": f"dq{k + 1}" for k in range(6)}
+
+
 def test_a_share_of_what_is_rated_is_one() -> None:
     given = log("ur5", 12, duration=12.0)
     columns = {"t": given.t} | {f"J{k + 1} angle[deg]": np.rad2deg(given.q[:, k]) for k in range(6)}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
@@ -341,6 +342,11 @@ class _ColumnInference(WorkingProposal):
                 self.assign_columns("dq", group)
                 unit = of_units.UnitGuess(", ".join(sorted(same)), 0.97, "it is the derivative of the positions")
                 self.take_unit("dq", unit, ", ".join(sorted(usual)))
+            elif (reverse := [correlation[n + j, j] for j in np.flatnonzero(moving)]) and min(reverse) > SLOPE:
+                both = self.name_columns(position), self.name_columns(group)
+                detail = f"{both[0]} are the derivative of {both[1]}: are positions and velocities exchanged?"
+                remedy = Remedy("columns", {f"q{j + 1}": self.sample.names[k] for j, k in enumerate(group.columns)})
+                self.questions.append(Question("columns/q", f"{detail} Then say {remedy}.", remedies=(remedy,)))
             else:
                 are_slopes = (own[moving] > SLOPE).all()
                 why = "its unit is not known" if are_slopes else "it is not the derivative of these positions"

@@ -81,11 +81,17 @@ class IdleDrives:
 
 
 RARELY = 0.02
-"""Share of a torque's other rows that may repeat the row before, where a longer repetition is no measurement."""
+"""Share of a signal's other rows that may repeat the row before, where a longer repetition is no measurement."""
+
+JUMPS = 5.0
+"""Times its steps from row to row, the 1 % largest apart, that a position goes at once where it was frozen before."""
 
 
 class FrozenSignals:
-    """Removes the torque of a joint while it stays exactly the same and other joints go on, as where a bus loses it."""
+    """Removes signals while they stay exactly the same although the robot moves, as where a bus loses them.
+
+    Torques do so while those of other joints go on; positions jump at the end, and those of joints that stand do not.
+    """
 
     name = "frozen_signals"
 
@@ -93,6 +99,7 @@ class FrozenSignals:
         self._signals = signals
         self._found = ChangedRows()
         self._torques = np.array(sorted(signals.position))
+        self._positions = [signals.position[column] for column in sorted(signals.position)]
         self._frozen_until: dict[int, int] = {}
 
     def apply(self, window: Window) -> None:
@@ -119,6 +126,20 @@ class FrozenSignals:
                 is_alone = others.max(initial=0.0) >= 1.0 - RARELY
                 if is_alone and (was_frozen or (is_fine and torques[start, joint] not in ends)):
                     self._remove(window, int(column), int(start), int(stop))
+        for column in self._positions:
+            x = window.values[:, column]
+            steps = np.where(goes_on, np.abs(np.diff(x)), 0.0)
+            starts, stops = find_run_edges(np.concatenate([[False], (np.diff(x) == 0.0) & goes_on]))
+            is_long = (stops - starts >= shortest) & (stops < len(x))
+            moves = steps[steps > 0.0]
+            if not is_long.any() or np.count_nonzero(steps == 0.0) - (stops - starts)[is_long].sum() > RARELY * len(
+                moves
+            ):
+                continue
+            far = JUMPS * np.quantile(moves, 1.0 - RARELY / 2.0)
+            for start, stop in zip(starts[is_long], stops[is_long], strict=True):
+                if steps[stop - 1] > far:
+                    self._remove(window, int(column), int(start), int(stop))
 
     def _remove(self, window: Window, column: int, start: int, stop: int) -> None:
         window.values[start:stop, column] = np.nan
@@ -131,12 +152,11 @@ class FrozenSignals:
         """Report where torques were frozen."""
         rows = self._found
         if not rows.n or rows.first is None:
-            return [Check(self.name, "ok", "No torque stays the same while the other joints go on.")]
+            return [Check(self.name, "ok", "No signal stays the same while the robot moves.")]
         detail = (
-            f"A torque stays exactly the same for {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} "
-            f"s), while those of other joints go on: {rows.describe(self._signals.sources)}. Old values were "
-            "repeated, or that drive was off. These rows are not used, and no filter runs across them. If the torques "
-            "are right"
+            f"In {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), signals stay exactly the "
+            f"same although the robot moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
+            "drive was off. These rows are not used, and no filter runs across them. If the values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 
