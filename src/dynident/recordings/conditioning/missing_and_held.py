@@ -154,8 +154,8 @@ class FrozenSignals:
         if not rows.n or rows.first is None:
             return [Check(self.name, "ok", "No signal stays the same while the robot moves.")]
         detail = (
-            f"In {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), signals stay exactly the "
-            f"same although the robot moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
+            f"{rows.n} samples, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), are exactly the one before "
+            f"although the robot moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
             "drive was off. These rows are not used, and no filter runs across them. If the values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
