@@ -772,6 +772,120 @@ def test_columns_that_the_user_states_are_those_that_the_others_are_judged_besid
         assert not any("tau_a" in question.detail for question in proposal.questions)
 
 
+def test_columns_are_those_that_the_user_states_whatever_others_are_called(tmp_path: Path) -> None:
+    """Names such as (a) and q1 are no patterns: findings name them as the file does."""
+    given = log("ur10", 2, duration=8.0)
+    rng = np.random.default_rng(2)
+    columns: dict[str, np.ndarray] = {"time": given.t}
+    columns |= {f"q{k + 1}": rng.normal(size=len(given.t)) for k in range(6)}
+    columns |= {f"(a){k}.*": given.q[:, k] for k in range(6)}
+    columns |= {f"({k}": given.tau[:, k] for k in range(6)}
+    columns["(a)2.*"][500:600] = np.nan
+    stated = {f"q{k + 1}": f"(a){k}.*" for k in range(6)} | {f"tau{k + 1}": f"({k}" for k in range(6)}
+    proposal = inspect_file(write(tmp_path / "a.parquet", columns), given.robot, columns=stated).proposal
+    assert proposal is not None
+    assert proposal.is_sure
+    assert stated.items() <= proposal.columns.items()
+    (lost,) = [one.reason for one in proposal.guesses if one.field == "rows/rows_left_out"]
+    assert "(a)2.* (100 in rows 501-600)" in lost
+
+
+@pytest.mark.parametrize(("joint", "moved"), [(2, True), (5, False)])
+def test_a_position_that_never_changes_is_the_cause_where_a_standing_joint_does_not_explain_the_torque(
+    joint: int, moved: bool
+) -> None:
+    given = log("ur10", 6)
+    q, motion = given.q.copy(), fourier_motion(given.robot, 20.0, 100.0, 6)
+    q[:, joint] = given.q[0, joint]
+    tau = given.tau
+    if not moved:
+        still = [np.where(np.arange(6) == joint, 0.0, signal) for signal in (motion.dq, motion.ddq)]
+        tau = pinocchio_torque(given.robot, q, *still) + 0.01 * given.tau[::-1]
+    reasons = " ".join(one.reason for one in guess(given.robot, given.columns(q, tau)).guesses)
+    assert (f"q{joint + 1} (elbow_joint) never changes" in reasons) is moved
+
+
+@pytest.mark.parametrize("stated", ["", " [rad]", " [deg]"])
+def test_angles_of_motors_that_leave_the_joints_ranges_ask_for_the_gears(stated: str) -> None:
+    given = log("ur10", 7)
+    angles = given.q * np.array([125.0, -133.3, 101.0, 51.0, -60.0, 50.0])
+    angles = np.rad2deg(angles) if "deg" in stated else angles
+    columns = {"t": given.t} | {f"joint {k + 1} position (motor side){stated}": angles[:, k] for k in range(6)}
+    columns |= {f"tau{k + 1}": given.tau[:, k] for k in range(6)}
+    details = [one.detail for one in guess(given.robot, columns).questions]
+    assert any("gear ratio" in detail for detail in details), details
+
+
+@pytest.mark.parametrize("share", [0.15, 0.25])
+def test_a_sensor_that_starts_late_leaves_its_column_a_torque(tmp_path: Path, share: float) -> None:
+    given = log("ur10", 8)
+    tau = given.tau.copy()
+    tau[: round(share * len(tau))] = np.nan
+    columns = given.columns(tau=tau)
+    proposal = inspect_file(write(tmp_path / "a.parquet", columns), given.robot).proposal
+    assert proposal is not None
+    assert proposal.is_sure
+    assert any(one.field == "rows/rows_left_out" for one in proposal.guesses)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_one_torque_that_is_logged_before_its_gears_is_told_where_gravity_is_most_of_it(joint: int) -> None:
+    """The drive's work against friction shows only without the load, which it carries to and fro."""
+    given = log("ur10", 9)
+    tau = given.tau.copy()
+    tau[:, joint] /= 121.0
+    (asked,) = guess(given.robot, given.columns(tau=tau)).questions
+    assert asked.field == "units/tau"
+    assert f"tau{joint + 1} ({given.robot.joint_names[joint]}) 0.008" in asked.detail
+
+
+def test_rows_that_two_programs_wrote_into_one_file_are_called_that() -> None:
+    given = log("ur10", 10)
+    columns = {name: np.repeat(values, 2) for name, values in given.columns().items()}
+    columns["t"][1::2] += 2e-4
+    (asked,) = guess(given.robot, columns).questions
+    assert asked.field == "columns/t"
+    assert "50\u202f% of the rows repeat the row before" in asked.detail.replace(" %", "\u202f%")
+    assert str(asked.remedies[0]) == '"rate": 200'
+
+
+def test_axes_that_slide_in_micrometres_and_their_forces_are_read() -> None:
+    parents = ("base", "x", "y")
+    joints = "".join(
+        f'<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" '
+        f'izz="1"/></inertial></link><joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="'
+        f'{name}"/><axis xyz="{axis}"/><limit lower="-0.4" upper="0.4" velocity="1.5" effort="600"/></joint>'
+        for name, parent, axis, mass in zip("xyz", parents, ("1 0 0", "0 1 0", "0 0 1"), (22, 11, 5), strict=True)
+    )
+    given = log_of(robot_from_urdf("gantry", f'<robot name="gantry"><link name="base"/>{joints}</robot>'), 11)
+    for unit in ("_um", ""):
+        columns = {"time": given.t} | {f"{axis}_pos{unit}": 1e6 * given.q[:, k] for k, axis in enumerate("xyz")}
+        columns |= {f"{axis}_force_N": given.tau[:, k] for k, axis in enumerate("xyz")}
+        proposal = guess(given.robot, columns)
+        assert proposal.questions == ()
+        assert [proposal.units[f"q{k}"] for k in (1, 2, 3)] == ["um"] * 3
+        assert proposal.columns["tau3"] == "z_force_N"
+
+
+@pytest.mark.parametrize("seed", [13, 14])
+def test_names_of_positions_and_velocities_that_are_exchanged_are_asked_about(seed: int) -> None:
+    given = log("ur10", seed)
+    rates = fourier_motion(given.robot, 20.0, 100.0, seed).dq
+    columns = given.columns(q=rates) | {f"dq{k + 1}": given.q[:, k] for k in range(6)}
+    asked = [one for one in guess(given.robot, columns).questions if "exchanged" in one.detail]
+    assert len(asked) == 1
+    stated = dict(asked[0].remedies[0].value)  # type: ignore[arg-type]
+    assert stated == {f"q{k + 1}": f"dq{k + 1}" for k in range(6)}
+
+
+def test_a_share_of_what_is_rated_is_one() -> None:
+    given = log("ur5", 12, duration=12.0)
+    columns = {"t": given.t} | {f"J{k + 1} angle[deg]": np.rad2deg(given.q[:, k]) for k in range(6)}
+    columns |= {f"J{k + 1} current[% rated]": given.tau[:, k] for k in range(6)}
+    (asked,) = guess(given.robot, columns).questions
+    assert "are in percent: give the drive gains" in asked.detail
+
+
 def test_counts_and_shares_of_rated_torques_are_told_by_the_objects_of_the_drives() -> None:
     """CiA 402: first gains are asked for; with them counts that differ by joint are asked with estimates of each."""
     given = log("ur5", 1, duration=12.0)

@@ -281,6 +281,17 @@ def test_a_position_that_is_counted_anew_is_told_with_its_row(tmp_path, size):
     assert f"jumps by {size:.1g}" in check.detail
 
 
+@pytest.mark.parametrize("row", [300, 1500])
+def test_positions_that_are_all_set_anew_are_one_finding(tmp_path, row):
+    """A robot that is homed while it is recorded."""
+    columns = motion()
+    for name, size in (("q1", -0.7), ("q2", 0.3), ("q3", 0.2)):
+        columns[name][:row] += size
+    check = found(tmp_path, columns, "position_jump")
+    assert (check.status, check.row) == ("warning", row + 1)
+    assert "q1, q2, q3 jump together" in check.detail
+
+
 def test_lost_rows_and_a_joint_that_stops_at_once_are_no_jump(tmp_path):
     columns = motion()
     lost = {

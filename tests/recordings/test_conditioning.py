@@ -225,6 +225,10 @@ def test_limits_tell_which_turn_a_wrapped_angle_is_in():
     limits = [JointLimits("revolute", (-2.9, 2.9))] * N
     right, _ = conditioned(t, measured, RecordedJoints(JOINTS.names, limits))
     np.testing.assert_allclose(right[:, :N], values[:, :N], atol=1e-9)
+    # An angle may pass the border between its first samples.
+    first = int(np.argmax(np.diff(np.sign(values[:, 0])) != 0)) - 1
+    right, _ = conditioned(t[first:], measured[first:], RecordedJoints(JOINTS.names, limits))
+    np.testing.assert_allclose(right[:, :N], values[first:, :N], atol=1e-9)
 
 
 def test_steps_that_are_left_out_change_nothing(tmp_path):
@@ -301,6 +305,55 @@ def test_rows_in_which_the_drives_are_off_are_told_and_not_used(rate):
     assert checks["corrupted_samples"].status == "ok"
 
 
+@pytest.mark.parametrize(("rate", "seconds"), [(60.0, 3.0), (200.0, 1.0), (1000.0, 30.0)])
+@pytest.mark.parametrize("with_position", [True, False])
+def test_a_torque_that_is_frozen_while_others_go_on_is_told_and_not_used(rate, seconds, with_position):
+    """Longer than a window, too: 30 s at 1 kHz are 30,000 rows."""
+    t, values = arm_signals(55, rate, 60.0)
+    frozen = slice(round(12 * rate), round((12 + seconds) * rate))
+    spoilt = [1, N + 1] if with_position else [N + 1]
+    values[frozen, spoilt] = values[frozen.start, spoilt]
+    right, checks = conditioned(t, values)
+    check = checks["frozen_signals"]
+    assert (check.status, check.row) == ("warning", frozen.start + 2)
+    assert np.isnan(right[frozen.start + 1 : frozen.stop, N + 1]).all()
+    kept = np.delete(np.arange(len(t)), np.arange(frozen.start + 1, frozen.stop))
+    np.testing.assert_array_equal(right[kept], values[kept])
+
+
+@pytest.mark.parametrize("columns", [[1], list(range(2 * N))])
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_positions_that_are_frozen_and_jump_then_are_told_and_not_used(rate, columns):
+    """An encoder that is lost for a while, and a log that stalls."""
+    t, values = arm_signals(57, rate, 40.0)
+    frozen = slice(round(12 * rate), round(14.3 * rate))
+    values[frozen, columns] = values[frozen.start, columns]
+    right, checks = conditioned(t, values)
+    check = checks["frozen_signals"]
+    assert (check.status, check.row) == ("warning", frozen.start + 2)
+    assert np.isnan(right[frozen.start + 1 : frozen.stop, 1]).all()
+    kept = np.delete(np.arange(len(t)), np.arange(frozen.start + 1, frozen.stop))
+    np.testing.assert_array_equal(right[kept], values[kept])
+
+
+def test_a_joint_that_stands_exactly_still_for_a_while_is_not_frozen():
+    t, values = arm_signals(58, 200.0, 40.0)
+    pause = np.clip(t, None, 15.0) + np.clip(t - 20.0, 0.0, None)
+    values[:, 1] = np.interp(pause, t, values[:, 1])
+    assert conditioned(t, values)[1]["frozen_signals"].status == "ok"
+
+
+def test_torques_that_stand_coarse_torques_and_saturated_ones_are_not_frozen():
+    t, values = arm_signals(56, 200.0, 40.0)
+    size = np.abs(values[:, N:]).max(axis=0)
+    coarse, cut = values.copy(), values.copy()
+    coarse[:, N:] = np.round(values[:, N:] / (0.05 * size)) * 0.05 * size
+    cut[:, N:] = np.clip(values[:, N:], -0.3 * size, 0.3 * size)
+    still = np.concatenate([values[:2000], np.repeat(values[2000:2001], 2000, axis=0), values[2000:-2000]])
+    for spoilt in (values, coarse, cut, still):
+        assert conditioned(t, spoilt)[1]["frozen_signals"].status == "ok"
+
+
 def test_torques_that_fade_out_to_nothing_are_those_of_drives_that_are_on():
     t, values = arm_signals(52, 200.0, 40.0)
     fade = np.clip(np.abs(t - 20.0) - 4.0, 0.0, 1.0)
@@ -362,7 +415,8 @@ def test_coarse_positions_of_one_joint_at_constant_speed_are_not_held(digit, spe
 
 def test_a_robot_that_stands_without_noise_holds_nothing():
     t, values = arm_signals(54, 200.0, 20.0, level=0.0)
-    values[1500:2500] = values[1500]
+    # It goes on from where it stopped.
+    values = np.concatenate([values[:1500], np.repeat(values[1500:1501], 1000, axis=0), values[1500:-1000]])
     right, checks = conditioned(t, values)
     assert checks["held_samples"].status == "ok"
     np.testing.assert_array_equal(right, values)

@@ -248,6 +248,7 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"MDF     4.10", "asammdf"),
         (b"\n\r\r\n\x1c\0\0\0", "raw frames"),
         (b"(1436509052.249713) can0 181#2A366C2B\n", "raw frames"),
+        (b" (1436509052.25) can0  141   [8]  1A 70 :: Motor(Position: 1.5 deg)\n", "a line of JSON for each"),
         (b"DIAEXTENDED  {@:ENGLISH\r\n#BEGINCHANNELHEADER\r\n200,Zeit\r\n", "KUKA"),
         (b"% a run\nt = [0.0;\n0.1];\n", "script"),
         (b"<?xml version='1.0'?><log/>", "XML"),

@@ -67,6 +67,21 @@ def test_the_root_of_a_text_is_told_without_reading_the_rest():
     assert read_root("a table") is None
 
 
+@pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
+def test_a_page_of_the_web_in_place_of_a_description_is_called_that(tmp_path, name):
+    path = tmp_path / name
+    path.write_text("\n\n<!DOCTYPE html>\n<html><head></head><body>&lt;robot&gt;<br></body></html>")
+    with pytest.raises(DynidentError, match=r"web page.*download the file itself"):
+        load_robot(path)
+
+
+def test_a_pointer_in_place_of_a_description_says_how_to_fetch_it(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12\n")
+    with pytest.raises(DynidentError, match="git lfs pull"):
+        load_robot(path)
+
+
 def test_a_line_of_spaces_in_a_table_takes_no_time():
     table = "modified\nalpha a d theta\n0 0 0 q1" + " " * 300_000 + "x\n"
     assert robot_from_dh_text("arm", table).n == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import h5py
@@ -47,6 +48,31 @@ def joint_and_quantity(folder: Path, run: Recorded) -> Path:
         for name, values in signals
     ]
     return written(folder / "tidy.csv", "\n".join(["time,joint,quantity,value", *rows, ""]))
+
+
+def values_without_a_line_of_names(folder: Path, run: Recorded) -> Path:
+    """What a subscriber of MQTT prints: the time, the topic and the value of each message."""
+    begin = datetime(2025, 5, 6, 10, 20, 30)
+    signals = (("position", run.q), ("torque", run.tau))
+    rows = [
+        f"{(begin + timedelta(seconds=float(t))).isoformat(timespec='microseconds')}+0200 arm/{name}{k + 1} "
+        f"{number(values[i, k])}"
+        for i, t in enumerate(run.t)
+        for k in range(run.n)
+        for name, values in signals
+    ]
+    return written(folder / "messages.txt", "\n".join([*rows, ""]))
+
+
+def rows_behind_keys(folder: Path, run: Recorded) -> Path:
+    """A recorder of test benches: keys of the head, and one before the units and before every row."""
+    names = [*counted("Bench/q{}", run.n, 1), *counted("Bench/trq{}", run.n, 1)]
+    units = ["m" if slides else "rad" for slides in run.slides] + ["N" if slides else "Nm" for slides in run.slides]
+    head = ["descriptions;run 3", "trace_header", ";".join(["trace_names", "Time", *names])]
+    head.append(";".join(["trace_units", "s", *units]))
+    values = np.column_stack([run.t, run.q, run.tau])
+    rows = [f"trace_values;{';'.join(map(number, row))}" for row in values]
+    return written(folder / "bench.csv", "\n".join([*head, *rows, ""]))
 
 
 def pairs_of_time_and_value(folder: Path, run: Recorded) -> Path:
@@ -272,7 +298,7 @@ EXPORTED_TABLES: dict[str, Layout] = {
         objects_of_joints, records_of_numpy, messages_of_a_simulator, values_beside_their_names, printed_objects,
         structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark, durations_of_iso,
         tags_with_milliseconds_apart, further_axis, slots_of_a_simulator,
-        stamps_in_brackets, messages_of_a_bus,
+        stamps_in_brackets, messages_of_a_bus, values_without_a_line_of_names, rows_behind_keys,
     )
 }  # fmt: skip
 

@@ -352,6 +352,7 @@ _NO_DESCRIPTIONS = (
         r"solid\b|(?:#[^\n]*\n|\s)*(?:mtllib|o|v)\s|ply\s",
         "this is a mesh, which has no joints: give the URDF that names it",
     ),
+    (r"version https://git-lfs", "this is a pointer of Git LFS: fetch what it stands for with `git lfs pull`"),
     (r"#usda\b", "this is a stage of USD: give the URDF or MJCF that it was made from"),
     (
         r"(?:%[^\n]*\n|\s)*\w+(?:\(\d+\))?\s*=|(?:function|clear|import|from)\b",

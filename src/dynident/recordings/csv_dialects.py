@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from dynident.recordings.cells_without_numbers import make_counted_names
-from dynident.recordings.formats.packed_messages import check_message_kinds, name_message_columns
+from dynident.recordings.formats.packed_messages import check_message_kinds, name_message_columns, name_value_columns
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     count_list_items,
@@ -36,7 +36,8 @@ _ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
 _NESTED = re.compile(r"[\[(]\s*[\[(][^\]\[()]*[\])]?\s*,\s*[\[(]|[\[(]\s*[\[(][-+.\d][^\]\[()]*,\s*[\[(]")
 _TUPLE = re.compile(r"^\(.*\)$")
-_LOOKED_AT = 1 << 16
+dialect_bytes = 1 << 16
+"""So many bytes of a file are looked at."""
 _ROWS = 200
 _NO_NUMBERS = ("nan", "-nan", "inf", "-inf", "na", "n/a", "null", "none")
 
@@ -100,13 +101,12 @@ def detect_dialect(start: bytes) -> Dialect:
             text = change(text)
             rewrite.append(change)
     original = text.splitlines()
-    if len(start) == _LOOKED_AT and len(original) > 1:
+    if len(start) == dialect_bytes and len(original) > 1:
         original.pop()  # it is cut off
     whole = join_open_lists(original)
     if any(_NESTED.search(line) for line in whole[1:4]):
         raise RecordingError(
-            "Cells hold lists within lists: write one column for each number, or arrays of one kind of signal, "
-            '"[0.1, 0.2]".',
+            'Cells hold lists within lists: write a column for each number, or lists of one signal, "[0.1, 0.2]".',
             title="Unreadable file",
         )
     if has_lists(whole):
@@ -150,10 +150,6 @@ def detect_dialect(start: bytes) -> Dialect:
         clocks=header.clocks,
         remarks=remarks,
     )
-
-
-dialect_bytes = _LOOKED_AT
-"""So many bytes are looked at."""
 
 
 def _fit_last_name(names: tuple[str, ...], rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -259,7 +255,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     has_numbers = any(map(_is_number, _split_fields(text, delimiter)))
     messages = [line for line in below if len(_split_fields(line, delimiter)) == width] if has_numbers else []
     cells = [[None if _is_number(cell) else cell for cell in _split_fields(line, delimiter)] for line in messages[:2]]
-    if (names := name_message_columns(cells)) is not None:
+    if (names := name_message_columns(cells) or name_value_columns(cells)) is not None:
         return delimiter, False, _Header(names, header)
     names = tuple(join_name_levels(field) for field in _split_fields(text, delimiter))
     names = _join_merged_heads(names, _split_fields(lines[header - 1], delimiter) if header else [])
@@ -397,15 +393,14 @@ def _is_counted(fields: Sequence[str]) -> bool:
 
 def _is_comment(lines: list[str], header: int) -> bool:
     """Return whether the last line of comment is prose: it has other fields than the next lines."""
-    if header + 2 >= len(lines) or _is_data(lines[header + 1]):
+    text, below = lines[header].lstrip("#% "), lines[header + 1] if header + 2 < len(lines) else ""
+    if not below or _is_data(below):
         return False
-    text = lines[header].lstrip("#% ")
-    below = lines[header + 1]
     return len(_split_fields(text, _find_delimiter(below))) != len(_split_fields(below, _find_delimiter(below)))
 
 
 def _is_mostly_empty(fields: Sequence[str]) -> bool:
-    return sum(map(bool, fields)) < len(fields) / 2
+    return 2 * sum(map(bool, fields)) < len(fields)
 
 
 def _skip_titles(lines: list[str], header: int) -> int:
@@ -490,9 +485,14 @@ def _collect_texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[
 
 def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> dict[str, str]:
     """Return the units below the names: a line of as many short words, with a line of numbers below it."""
-    if number + 1 >= len(lines) or not _is_data(lines[number + 1]) or _is_data(lines[number]):
+    if number + 1 >= len(lines) or _is_data(lines[number]):
+        return {}
+    # A word may stand before the units, and another before each row, that says what they are.
+    is_marked = _is_marked_row([line for line in lines[number + 1 : number + 20] if line.strip()])
+    if not is_marked and not _is_data(lines[number + 1]):
         return {}
     fields = _split_fields(lines[number].lstrip("#% "), delimiter)
+    fields[0] = "" if is_marked else fields[0]
     if len(fields) != len(names) or not all(_UNIT.match(cell) for cell in fields):
         return {}
     if any(cell and _is_number(cell) for cell in fields):

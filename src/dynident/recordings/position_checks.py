@@ -6,6 +6,7 @@ Holds their thresholds, such as the fewest encoder steps (100).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from math import pi
 
 import numpy as np
@@ -18,6 +19,7 @@ from dynident.recordings.file_source import RawSample
 from dynident.recordings.joint_phases import phase_shares
 from dynident.recordings.recording import JointLimits, Recording
 from dynident.recordings.recording_metadata import Check, Revision, Status
+from dynident.recordings.torque_checks import find_step
 
 DEGREE = pi / 180.0
 MOVED = {"revolute": 2e-3, "prismatic": 5e-4}
@@ -120,29 +122,48 @@ def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
     resolution = np.where(steps != 0.0, np.abs(steps), np.inf).min(axis=0)
     usual = np.maximum(np.quantile(changes, 0.99, axis=0), np.where(np.isfinite(resolution), resolution, 0.0))
     jumps = changes > np.maximum(JUMP, UNUSUAL * usual)
+    places = [
+        [int(place) for place in np.flatnonzero(own) if _is_isolated(change, int(place))]
+        for own, change in zip(jumps.T, changes.T, strict=True)
+    ]
     checks = []
-    for joint in np.flatnonzero(jumps.any(axis=0)):
-        places = [place for place in np.flatnonzero(jumps[:, joint]) if _is_isolated(changes[:, joint], int(place))]
-        rows = inner[places]
-        # Of lost rows all joints jump; what goes and comes back is a corrupted interval, and no other zero.
-        others = np.delete(jumps, joint, axis=1)[places]
+
+    def warn(joints: Sequence[int], row: int, how: str, why: str) -> None:
+        sources = ", ".join(layout.q[joint].source for joint in joints)
+        detail = (
+            f"{sources} {how} between rows {positions.row[row]} and {positions.row[row + 1]} "
+            f"(t = {positions.t[row + 1]:.6g} s) and stay{'s' * (len(joints) == 1)} there, {why}. Use the seconds on "
+            "one side alone (windows), or give them as two recordings."
+        )
+        where = int(positions.row[row + 1]), float(positions.t[row + 1])
+        checks.append(Check("position_jump", "warning", detail, layout.q[joints[0]].source, *where))
+
+    for joint, own in enumerate(places):
+        rows = inner[own]
+        # What goes and comes back is a corrupted interval, and no other zero.
+        others = np.delete(jumps, joint, axis=1)[own]
         if not 1 <= len(rows) <= MOST_JUMPS or others.any() or np.ptp(np.sign(steps[rows, joint])) > 0:
             continue
-        row, source = int(rows[0]), layout.q[joint].source
-        around = 0.5 * (steps[row - 1, joint] + steps[row + 1, joint])
-        size = steps[row, joint] - around
+        around = 0.5 * (steps[rows[0] - 1, joint] + steps[rows[0] + 1, joint])
+        size = steps[rows[0], joint] - around
         # Over lost rows a joint goes on as it moves; a time that was counted from the rows does not show them.
         lost = ", or rows were lost there while the other joints moved little" if size * around > 0.0 else ""
-        detail = (
-            f"{source} jumps by {size:.3g} between rows {positions.row[row]} and {positions.row[row + 1]} "
-            f"(t = {positions.t[row + 1]:.6g} s) and stays there, while the other joints continue to move: the "
-            f"encoder was set to zero again, or lost counts{lost}. Use the seconds on one side alone (windows), or "
-            "give them as two recordings."
-        )
-        checks.append(
-            Check("position_jump", "warning", detail, source, int(positions.row[row + 1]), float(positions.t[row + 1]))
-        )
+        why = f"while the other joints continue to move: the encoder was set to zero again, or lost counts{lost}"
+        warn([joint], int(rows[0]), f"jumps by {size:.3g}", why)
+    together = [place for place in set(chain(*places)) if 2 * sum(place in own for own in places) > len(places) > 1]
+    if 1 <= len(together) <= MOST_JUMPS:
+        row = int(inner[min(together)])
+        joints = [joint for joint, own in enumerate(places) if min(together) in own]
+        around_all = 0.5 * (steps[row - 1, joints] + steps[row + 1, joints])
+        ratios = (steps[row, joints] - around_all) / np.where(around_all != 0.0, around_all, np.inf)
+        # Over lost rows all joints go on as they move, each for the same time.
+        if not 0.0 < ratios.max() < _ALIKE * ratios.min():
+            warn(joints, row, "jump together", "farther than they move from row to row: all were set to zero again")
     return checks
+
+
+_ALIKE = 4.0
+"""Times by which joints go on farther than others over lost rows, measured by their speed before and behind them."""
 
 
 def _is_isolated(changes: FloatArray, place: int) -> bool:
@@ -401,32 +422,6 @@ def _check_quantisation(recording: Recording, positions: _MeasuredPositions, lay
         int(positions.row[row]),
         float(positions.t[row]),
     )
-
-
-def find_step(values: FloatArray) -> float:
-    """Return the step that a signal comes in, 0 if it shows none.
-
-    Parameters
-    ----------
-    values : (m,)
-        The signal.
-
-    Returns
-    -------
-    float
-    """
-    levels = np.unique(values)
-    levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
-    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
-    if len(levels) < 3 or len(levels) > 0.5 * len(values):
-        return 0.0
-    gaps = np.diff(levels)
-    # Not the smallest gap itself: rounded digits make some gaps a little smaller than a step, and missing levels make
-    # others twice as large.
-    step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
-    whole = gaps / step
-    # A grid: all gaps are whole numbers of steps.
-    return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
 
 
 def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check]:

@@ -316,7 +316,12 @@ def recording_from_arrays(
 
 
 def condition_arrays(
-    t: FloatArray, q: FloatArray, tau: FloatArray, joints: RecordedJoints, segment: IntArray | None = None
+    t: FloatArray,
+    q: FloatArray,
+    tau: FloatArray,
+    joints: RecordedJoints,
+    segment: IntArray | None = None,
+    sources: tuple[Sequence[str], Sequence[str]] | None = None,
 ) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
     """Condition arrays as the rows of a file are conditioned before its checks.
 
@@ -332,6 +337,8 @@ def condition_arrays(
         The joints and what is known of them.
     segment : (m,) of int, optional
         Number of the run that each row belongs to.
+    sources : pair of sequences of str, optional
+        What the user calls the columns of q and of tau; by default they are called after the joints.
 
     Returns
     -------
@@ -347,6 +354,12 @@ def condition_arrays(
     """
     source = _ArrayFile(t, q, tau, segment, tuple(joints.names), NO_FURTHER_COLUMNS)
     layout = source.layout
+    if sources is not None:
+        named = (
+            tuple(replace(column, source=name) for column, name in zip(columns, names, strict=True))
+            for columns, names in zip((layout.q, layout.tau), sources, strict=True)
+        )
+        layout = replace(layout, q=next(named), tau=next(named))
     conditioning = Conditioning(layout, joints.known_limits, scan_time(source, layout, ()))
     values = np.concatenate([rows.values for rows in conditioning.condition(source.rows(layout))])
     return values[:, layout.columns_of_kind("q")], values[:, layout.columns_of_kind("tau")], conditioning.checks()

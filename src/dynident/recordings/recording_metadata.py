@@ -53,7 +53,13 @@ EFFORT_KINDS = OneOf(
 )
 
 ConditioningStep = Literal[
-    "registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles", "full_duty"
+    "registers",
+    "held_samples",
+    "idle_drives",
+    "frozen_signals",
+    "corrupted_samples",
+    "wrapped_angles",
+    "full_duty",
 ]
 """What is put right in a recording unless it is said that it is right."""
 

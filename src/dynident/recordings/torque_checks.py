@@ -12,7 +12,6 @@ from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.nonparametric_fit import TorqueEvidence
-from dynident.recordings.position_checks import find_step
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision, Status
 
@@ -352,3 +351,29 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
         float(sample.t[first]),
         Revision(torque_delay=float(f"{middle:.2g}")),
     )
+
+
+def find_step(values: FloatArray) -> float:
+    """Return the step that a signal comes in, 0 if it shows none.
+
+    Parameters
+    ----------
+    values : (m,)
+        The signal.
+
+    Returns
+    -------
+    float
+    """
+    levels = np.unique(values)
+    levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
+    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
+    if len(levels) < 3 or len(levels) > 0.5 * len(values):
+        return 0.0
+    gaps = np.diff(levels)
+    # Not the smallest gap itself: rounded digits make some gaps a little smaller than a step, and missing levels make
+    # others twice as large.
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
+    whole = gaps / step
+    # A grid: all gaps are whole numbers of steps.
+    return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0

@@ -10,7 +10,7 @@ from dynident.recordings.recording import JointKind
 from dynident.recordings.recording_metadata import RecordingError
 
 _DEGREE = pi / 180.0
-_LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+_LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "degree": _DEGREE, "degrees": _DEGREE, "rev": 2.0 * pi}
 _ANGLE |= {"gon": pi / 200.0, "mdeg": 1e-3 * _DEGREE, "arcmin": _DEGREE / 60.0, "arcsec": _DEGREE / 3600.0}
 _KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254

@@ -100,7 +100,10 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
         open_elements.pop()
 
     # A document type can define entities that expand without end, or that read other files.
-    def doctype(*_: object) -> None:
+    def doctype(name: str, *_: object) -> None:
+        if name.casefold() == "html":
+            page = f"This is a web page, and not {what[0].lower()}{what[1:]}"
+            raise fail(f"{page}: download the file itself (on GitHub with the button Raw).", None)
         raise fail(f"{what} must not have a document type declaration; remove <!DOCTYPE …>.", None)
 
     parser.StartElementHandler = start

@@ -7,6 +7,7 @@ import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
+from types import MappingProxyType
 from typing import Literal
 
 from dynident.recordings.units import FACTORS, MOMENTS
@@ -71,10 +72,10 @@ _UNITS = {
     "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
     "kgf": "kgf", "lbf": "lbf", "gon": "gon", "mdeg": "mdeg", "arcmin": "arcmin", "arcsec": "arcsec", "cnm": "cN m",
     "danm": "daN m", "рад": "rad", "град": "deg", "н·м": "N m", "нм": "N m", "度": "deg", "d": "d", "day": "d",
-    "days": "d",
+    "days": "d", "um": "um", "µm": "um", "μm": "um",
 }  # fmt: skip
 _SUFFIXES = _split_words(
-    "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille "
+    "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm um rpm nm mnm knm ncm a ma s sec ms us ns permille "
     "promille percent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
@@ -87,12 +88,13 @@ _MAKER_WORDS = {
     "qfrc_bias": "computed torque", "qfrc_passive": "computed torque", "qfrc_constraint": "computed torque",
     "qfrc_inverse": "computed torque", "pos_estimate": "position turns", "vel_estimate": "velocity turns s",
     "POSJOINTCURRENT": "actual position", "POSJOINTSETPOINT": "setpoint position", "CURRENTJOINTS": "motor current",
+    "JTS": "joint torque measured", "EJT": "external joint torque", "DynamicTor": "computed torque",
     "qOut_": "commanded position ", "alphaOut_": "commanded velocity ", "tauOut_": "commanded torque ",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
 of Universal Robots' RTDE, whose currents as torques are without the load of gravity; of MuJoCo, whose actuators' forces
 are torques where joints turn, and whose other generalised forces are computed; of ODrive, which counts turns; of
-mc_rtc, whose Out goes to the robot; and of igus (CRI)."""
+mc_rtc, whose Out goes to the robot; of igus (CRI); and of Doosan, whose JTS are joint torque sensors."""
 _OBJECT = re.compile(r"(?<![^\W_])(?:0x(?:6064|606C|6077|6078)|(?:6064|606C|6077|6078)h)(?![^\W_])", re.IGNORECASE)
 _OBJECTS = {"6064": "actual position", "606c": "actual velocity", "6077": "actual torque", "6078": "actual current"}
 _OF_RATED = ("6077", "6078")
@@ -157,6 +159,8 @@ class ColumnName:
         Whether it is one of a link, beside the joint's own.
     strange_unit : str
         What stands in brackets behind the name and is no unit of such a signal; "" where nothing does.
+    stated : bool
+        Whether the user says what the column is, and not its name.
     """
 
     name: str
@@ -171,6 +175,7 @@ class ColumnName:
     motor: bool
     link: bool
     strange_unit: str = ""
+    stated: bool = False
 
     @property
     def rank(self) -> int:
@@ -182,10 +187,16 @@ class ColumnName:
             + 3 * self.motor
             + 2 * self.link
             - self.measured
+            - 16 * self.stated
         )
 
 
-def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequence[str] = ()) -> list[ColumnName]:
+def read_names(
+    names: Sequence[str],
+    units: Mapping[str, str],
+    joint_names: Sequence[str] = (),
+    stated: Mapping[str, str] = MappingProxyType({}),
+) -> list[ColumnName]:
     """Read the names of all columns.
 
     Parameters
@@ -196,6 +207,8 @@ def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequ
         Units by name that the file states elsewhere.
     joint_names : sequence of str
         Names of the robot's joints, whose words say nothing of the signal: axis_d is no desired value.
+    stated : mapping of str to str
+        What the user says that columns are, as our name of each. Only their units are read from their own names.
 
     Returns
     -------
@@ -210,7 +223,10 @@ def read_names(names: Sequence[str], units: Mapping[str, str], joint_names: Sequ
     for name in names:
         head = name.rstrip("0123456789")
         plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
-        columns.append(replace(read_name(plain, units.get(name, ""), spellings), name=name))
+        column = read_name(plain, units.get(name, ""), spellings)
+        if name in stated:
+            column = replace(read_name(stated[name], column.unit or "", spellings), stated=True)
+        columns.append(replace(column, name=name))
     others = {column.name for column in (*_find_waves(columns), *_find_pose(columns, spellings))}
     # One time is enough: beside it t1, t2, … are counted as joints are, and may be torques.
     is_timed = any(column.signal == "t" and not column.numbers for column in columns)
@@ -311,6 +327,8 @@ def find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
 
 def _normalise_unit(unit: str) -> str:
     unit = unit.strip().casefold().replace("²", "^2").replace("**2", "^2").replace("-", "")
+    if unit.startswith("%"):
+        return "%"  # whatever it is a share of: % rated
     return unit if unit in _UNITS else re.sub(r"[ *·⋅._]", "", unit)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,12 +31,15 @@ class Sample:
         Units that the file states, by column.
     remarks : tuple of str
         How the file was read, for the user.
+    stated : dict of str to str
+        What the user says that columns are, as our name of each.
     """
 
     names: tuple[str, ...]
     values: FloatArray
     units: dict[str, str]
     remarks: tuple[str, ...] = ()
+    stated: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -153,11 +156,11 @@ a torque's peaks are within a few."""
 
 
 def find_changing_columns(values: FloatArray) -> BoolArray:
-    """Return which columns (columns,) hold numbers, and more than one."""
+    """Return which columns (columns,) hold numbers in most rows, and more than one."""
     if not len(values):
         return np.zeros(values.shape[1], dtype=bool)
     finite = np.isfinite(values)
-    enough = finite.mean(axis=0) > 0.9
+    enough = finite.mean(axis=0) > 0.5
     low = np.where(finite, values, np.inf).min(axis=0)
     high = np.where(finite, values, -np.inf).max(axis=0)
     return np.asarray(enough & (high > low))

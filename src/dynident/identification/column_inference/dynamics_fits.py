@@ -76,13 +76,24 @@ class DynamicsFits:
         except DynidentError:
             return None
 
-    def condition_signals(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
-        """Correct positions (m, n) in rad or m and torques (m, n) as an import does, and return the checks about it."""
+    def condition_signals(
+        self, q: FloatArray, tau: FloatArray, sources: tuple[Sequence[str], Sequence[str]] | None = None
+    ) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
+        """Correct positions (m, n) in rad or m and torques (m, n) as an import does, and return the checks about it.
+
+        Parameters
+        ----------
+        q, tau : (m, n)
+            Positions and torques.
+        sources : pair of sequences of str, optional
+            The names of their columns, for the checks.
+        """
         limits = [
             JointLimits(joint.kind, joint.limits.position, joint.limits.velocity, joint.limits.effort)
             for joint in self.robot.joints
         ]
-        return condition_arrays(self._t, q, tau, RecordedJoints(self.robot.joint_names, limits), self._segment)
+        joints = RecordedJoints(self.robot.joint_names, limits)
+        return condition_arrays(self._t, q, tau, joints, self._segment, sources)
 
     def to_motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
         """Return the filtered rows of positions (m, n) in rad or m and torques (m, n); None where there are too few.
@@ -363,6 +374,9 @@ LEAST_TURN = 0.06
 _UNEXPLAINED_LIMIT = 0.5
 """Unexplained share of an average joint's torque above which the columns are taken for wrong."""
 
+_MUCH = 0.1
+"""Unexplained share of an average joint's torque that a position which was not recorded may be the cause of."""
+
 _ASKED_WARNINGS = (GRAVITY, SCALE, ZERO)
 """Checks that are asked about although they only warn: what they find makes a model useless."""
 
@@ -444,6 +458,16 @@ def check_against_dynamics(
     )
     # The masses of the description explain no residual: identification does not use them.
     causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
+    stuck = np.flatnonzero(np.ptp(q, axis=0) == 0.0)
+    if len(stuck) and not causes and unexplained.average_share > _MUCH:
+        never = ", ".join(f"{names[0][joint]} ({robot.joint_names[joint]})" for joint in map(int, stuck))
+        reason += (
+            f"; most probably: {never} never changes, and a joint that stands does not explain this: if it moved, its "
+            "position was not recorded, and without it the motion of the links behind it is not known. Record it, or "
+            "leave the joint out (lock) if it stood"
+        )
+        share = f"{format_percent(unexplained.average_share, decimals=0)} unexplained"
+        return [Guess("check", share, 0.4, reason), *guesses], questions
     if unexplained.average_share < _UNEXPLAINED_LIMIT and not causes:
         return [
             *guesses,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from dynident.array_types import FloatArray
-from dynident.identification.column_inference.column_names import read_names
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Guess, Proposal, Question
@@ -105,6 +103,8 @@ def inspect_file(
         For a file that cannot be read.
     """
     sample = read_sample(path, rate)
+    if robot is not None and columns:
+        sample = replace(sample, stated=_find_stated_signals(columns, sample, robot))
     return Inspection(
         path=path,
         format=format_of(path),
@@ -112,43 +112,20 @@ def inspect_file(
         rows=sample.values[:SHOWN_ROWS],
         sketch=sample.values[:: max(1, len(sample.values) // SKETCHED_ROWS)][:SKETCHED_ROWS],
         n_rows_seen=len(sample.values),
-        proposal=None if robot is None else _propose_beside(columns or {}, sample, robot),
+        proposal=None if robot is None else _import_sample(propose(sample, robot), sample, robot),
     )
 
 
-def _propose_beside(columns: Mapping[str, str], sample: Sample, robot: Robot) -> Proposal:
-    """Propose the columns of a sample, with those of whole signals as they are stated."""
-    own_names: dict[str, str] = {}
+def _find_stated_signals(columns: Mapping[str, str], sample: Sample, robot: Robot) -> dict[str, str]:
+    """Return our name of every column of signals that are stated for all joints, by the file's name."""
+    ours: dict[str, str] = {}
     for signal in ("q", "dq", "tau", "current"):
         keys = [(f"{signal}{joint + 1}", f"{signal}_{name}") for joint, name in enumerate(robot.joint_names)]
         stated = [columns.get(number, columns.get(name, "")) for number, name in keys]
         # Of some joints alone nothing is known of the others, and they are asked about together.
-        if set(stated) <= set(sample.names) and not any(name in sample.names for _, name in keys):
-            own_names |= dict(zip(stated, (name for _, name in keys), strict=True))
-    if not own_names:
-        return _import_sample(propose(sample, robot), sample, robot)
-    units = {name.name: name.unit for name in read_names(sample.names, sample.units) if name.unit is not None}
-    named = replace(
-        sample,
-        names=tuple(own_names.get(name, name) for name in sample.names),
-        units={own_names.get(name, name): unit for name, unit in (sample.units | units).items()},
-    )
-    proposal = _import_sample(propose(named, robot), named, robot)
-    # The user knows only the names of the file.
-    theirs = {ours: name for name, ours in own_names.items()}
-    pattern = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, sorted(theirs, key=len, reverse=True)))})(?!\w)")
-
-    def write(text: str) -> str:
-        return pattern.sub(lambda match: theirs[match[0]], text)
-
-    return replace(
-        proposal,
-        columns={key: theirs.get(name, name) for key, name in proposal.columns.items()},
-        guesses=tuple(replace(g, value=write(g.value), reason=write(g.reason)) for g in proposal.guesses),
-        questions=tuple(
-            replace(q, detail=write(q.detail), choices=tuple(map(write, q.choices))) for q in proposal.questions
-        ),
-    )
+        if set(stated) <= set(sample.names):
+            ours |= dict(zip(stated, (name for _, name in keys), strict=True))
+    return ours
 
 
 def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.errors import Remedy
 from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
@@ -16,7 +17,6 @@ from dynident.identification.column_inference.column_groups import (
     find_torque_of_most_joints,
     group_columns,
     group_few_joints,
-    infer_by_elimination,
 )
 from dynident.identification.column_inference.column_names import describe_further_joints, describe_waves
 from dynident.identification.column_inference.column_statistics import (
@@ -57,16 +57,11 @@ from dynident.identification.column_inference.torque_or_current import (
     fit_torque_unit,
 )
 from dynident.identification.column_inference.unnamed_columns import (
-    UnnamedColumns,
-    assign_torques,
     describe_unknown_groups,
     find_forces,
     find_plainest_group,
+    group_unnamed_columns,
     hold_same_values,
-    identify_unnamed_columns,
-    is_in_order,
-    select_whole_signals,
-    sort_by_number,
 )
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.recording_metadata import EffortKind
@@ -80,8 +75,6 @@ _FEWEST_ROWS = 3
 
 _NOTHING = 1e-30
 """Efforts that are smaller in any unit are no efforts."""
-_CLEARLY = 1.25
-"""Ratio of the unexplained shares above which another order of the columns is refuted."""
 
 
 def propose(sample: Sample, robot: Robot) -> Proposal:
@@ -119,7 +112,7 @@ class _ColumnInference(WorkingProposal):
         times = [index for index, name in enumerate(self.column_names) if name.signal == "t"]
         whole = drop_empty_rows(self.sample, times)
         self.sample = mask_outliers(whole, times)
-        sample, n = self.sample, self.robot.n
+        sample = self.sample
         self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
         kind: EffortKind = "unknown"
@@ -160,7 +153,8 @@ class _ColumnInference(WorkingProposal):
         rest = [index for index in rest if not any(index in group.columns for group in local)]
         # The groups were numbered without the time column; number them as the file does.
         groups = [group.renumber(places) for group in local]
-        groups += self._group_unnamed(groups, [places[index] for index in rest], n)
+        unnamed = [places[index] for index in rest]
+        groups += group_unnamed_columns(self, groups, unnamed, self.alive, self._measure_unexplained)
         position = self._choose_position(groups)
         effort, kind = self._choose_effort(groups, position)
         if position is None or effort is None:
@@ -190,73 +184,11 @@ class _ColumnInference(WorkingProposal):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
-    def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
-        """Return groups of the columns whose names say no signal."""
-        have = {group.signal for group in groups}
-        # The names say enough: content must not overrule them.
-        if "q" in have and have & {"tau", "current", "effort"}:
-            return []
-        silent = [index for group in groups if group.signal is None for index in group.columns]
-        # A column whose name says command is no measurement, whatever it holds.
-        measured = [index for index in (*rest, *silent) if self.column_names[index].rank < 4]
-        pool = sorted({index for index in measured if self.column_names[index].signal is None or index in silent})
-        pool = sort_by_number(self.column_names, select_whole_signals(pool, self.values, self.alive, n))
-        # A further axis, which the robot lacks, leaves no whole signals: those that all joints have are left.
-        counted = [index for index in pool if index in silent]
-        pool = counted if len(pool) % n and len(counted) >= 2 * n else pool
-        whole = [group for group in groups if group.signal is None]
-        kinds = identify_unnamed_columns(self.t, self.values, pool, n, self._measure_unexplained) if pool else None
-        if kinds is None:
-            return infer_by_elimination(groups, whole, self._measure_unexplained)
-        groups[:] = [group for group in groups if group.signal is not None]
-        for group in whole:
-            # The names count the joints, which gives the order; the content gives the signal.
-            for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
-                # Content does not say again what other names say already.
-                if set(group.columns) == set(columns) and signal not in have:
-                    groups.append(ColumnGroup(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
-        if {group.signal for group in groups} >= {"q", "tau"}:
-            return []
-        return self._order_by_joint(kinds, pool)
-
     def _measure_unexplained(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
         """Return the unexplained share of the torque if these columns are it, with positions in rad or in degrees."""
         q, tau = self.values[:, list(positions)], self.values[:, list(efforts)]
         shares = [self.fits.measure_unexplained(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
         return min((share for share in shares if share is not None), default=1.0)
-
-    def _order_by_joint(self, kinds: UnnamedColumns, pool: list[int]) -> list[ColumnGroup]:
-        """Return unnamed columns of every kind in the robot's order: that of the pool, if nothing contradicts it."""
-        named = [self.column_names[columns[0]] for columns in (kinds.positions, kinds.efforts)]
-        positions, efforts = list(kinds.positions), list(kinds.efforts)
-        place = {column: k for k, column in enumerate(pool)}
-        regular = all(is_in_order([place[column] for column in of_signal]) for of_signal in (positions, efforts))
-        counted = pool != sorted(pool)
-        reason = f"{kinds.reason}; the joints are in the order of {'their numbers' if counted else 'the file'}"
-        if regular and counted and self._is_file_order_as_good(kinds):
-            detail = "The numbers of the joints and their order in the file differ: which order is right?"
-            self.add_question("columns", detail)
-        if not regular:
-            detail = "Neither the names nor the order of the columns show which joint they belong to."
-            self.add_question("columns", detail)
-            q, tau = self.values[:, positions], self.values[:, efforts]
-            order, _ = assign_torques(self.t, q, tau)
-            efforts = [efforts[index] for index in order]
-        groups = [
-            ColumnGroup(tuple(positions), "q", None, 0, named[0], reason),
-            ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason),
-        ]
-        if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
-            groups.append(ColumnGroup(kinds.rates, "dq", None, 0, self.column_names[kinds.rates[0]], reason))
-        return groups
-
-    def _is_file_order_as_good(self, kinds: UnnamedColumns) -> bool:
-        """Tell whether both also stand in order in the file, and the robot's dynamics do not refute that."""
-        in_file = tuple(sorted(kinds.positions)), tuple(sorted(kinds.efforts))
-        counted = kinds.positions, kinds.efforts
-        if in_file == counted or not all(is_in_order(list(columns)) for columns in in_file):
-            return False
-        return self._measure_unexplained(*in_file) < _CLEARLY * self._measure_unexplained(*counted)
 
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
         candidates = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
@@ -313,7 +245,8 @@ class _ColumnInference(WorkingProposal):
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
         if not candidates:
-            candidates = find_forces(groups) or self._find_torque_of_most_joints(position)
+            slide = all(joint.kind == "prismatic" for joint in self.robot.joints)
+            candidates = find_forces(groups, slide=slide) or self._find_torque_of_most_joints(position)
             candidates = candidates or self.find_command(groups, position)
         if not candidates:
             if any(question.field == "robot" for question in self.questions):
@@ -350,8 +283,8 @@ class _ColumnInference(WorkingProposal):
             return []
         # All joints without a torque share one empty column.
         empty = np.full((len(self.sample.values), 1), np.nan)
-        columns = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
-        self.sample = Sample(*columns, self.sample.units)
+        names, values = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
+        self.sample = replace(self.sample, names=names, values=values)
         self.values = np.column_stack([self.values, np.zeros(len(self.values))])
         self.alive = np.append(self.alive, False)
         return [torque]
@@ -367,7 +300,7 @@ class _ColumnInference(WorkingProposal):
         turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
         stated = turning[0] if turning and len(set(turning)) == 1 else None
         turned = of_units.guess_position_unit(self.robot, q, stated, tau, self.fits)
-        if turned is not None and stated is None and position.named.motor:
+        if turned is not None and position.named.motor and (stated is None or turned.confidence < of_units.SURE):
             turned = self.doubt_unit_of_motors(self.fits, q, tau, turned)
         joints = [index for index, joint in enumerate(self.robot.joints) if joint.kind == "revolute"]
         by_step = {} if any(turning) else guess_servo_units(q, joints)
@@ -409,6 +342,11 @@ class _ColumnInference(WorkingProposal):
                 self.assign_columns("dq", group)
                 unit = of_units.UnitGuess(", ".join(sorted(same)), 0.97, "it is the derivative of the positions")
                 self.take_unit("dq", unit, ", ".join(sorted(usual)))
+            elif (reverse := [correlation[n + j, j] for j in np.flatnonzero(moving)]) and min(reverse) > SLOPE:
+                both = self.name_columns(position), self.name_columns(group)
+                detail = f"{both[0]} are the derivative of {both[1]}: are positions and velocities exchanged?"
+                remedy = Remedy("columns", {f"q{j + 1}": self.sample.names[k] for j, k in enumerate(group.columns)})
+                self.questions.append(Question("columns/q", f"{detail} Then say {remedy}.", remedies=(remedy,)))
             else:
                 are_slopes = (own[moving] > SLOPE).all()
                 why = "its unit is not known" if are_slopes else "it is not the derivative of these positions"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -71,7 +70,7 @@ class WorkingProposal:
     def column_names(self) -> list[ColumnName]:
         """Columns' names, taken apart into signal, joint and unit."""
         links = [joint.link for joint in self.robot.joints if joint.link]
-        return read_names(self.sample.names, self.sample.units, [*self.robot.joint_names, *links])
+        return read_names(self.sample.names, self.sample.units, [*self.robot.joint_names, *links], self.sample.stated)
 
     def add_guess(
         self, name: str, value: str, confidence: float, reason: str, remedies: tuple[Remedy, ...] = ()
@@ -155,21 +154,17 @@ class WorkingProposal:
         positions, efforts = list(position.columns), list(effort.columns)
         known = np.where(np.isfinite(rows.values[:, positions]), q, np.nan)
         try:
-            right, measured, checks = fits.condition_signals(known, rows.values[:, efforts])
+            sources = tuple(rows.names[k] for k in positions), tuple(rows.names[k] for k in efforts)
+            right, measured, checks = fits.condition_signals(known, rows.values[:, efforts], sources)
         except RecordingError:
             # An error here is about the time, which is asked about elsewhere.
             self.values[:, efforts] = fill_gaps(rows.values[:, efforts])
             return q, fits, []
-        joints = fits.robot.joint_names
-        names = dict(zip((f"q_{name}" for name in joints), positions, strict=True))
-        names |= dict(zip((f"tau_{name}" for name in joints), efforts, strict=True))
-        # The checks use the names of a stored recording; the user knows only the file's.
-        ours = rf"(?<!\w)(?:{'|'.join(map(re.escape, sorted(names, key=len, reverse=True)))})(?!\w)"
-        put_right = []
-        for check in checks:
-            if check.status != "ok":
-                detail = re.sub(ours, lambda match: rows.names[names[match[0]]], check.detail)
-                put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail, check.remedies))
+        put_right = [
+            Guess(f"rows/{check.name}", "corrected", 0.95, check.detail, check.remedies)
+            for check in checks
+            if check.status != "ok"
+        ]
         # Rows in which the drives are off, or samples are missing for long, must not be filled: they hold no torque.
         used = np.asarray(np.isfinite(np.hstack([right, measured])).all(axis=1))
         if not used.any():

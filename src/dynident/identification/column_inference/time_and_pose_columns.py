@@ -169,7 +169,7 @@ _MOSTLY = 0.6
 
 
 def _ask_for_rate(work: WorkingProposal) -> Question | None:
-    """Ask for the rate of rows whose clock is called a time but stands still for several rows; None for other files."""
+    """Ask for the rate of rows whose clock is called a time but stands still for rows, or is uneven; None of others."""
     for column, name in enumerate(work.column_names):
         t = work.sample.values[:, column]
         steps = np.diff(t)
@@ -185,9 +185,19 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
                 f"32 bits. If the rows are evenly spaced, state their rate: {remedy}."
             )
             return Question("columns/t", detail, remedies=(remedy,))
-        if len(ticks) > _MOST_TICKED * len(t):
-            continue
         unit = name.unit or "s"
+        if len(ticks) > _MOST_TICKED * len(t):
+            short, long = np.quantile(steps, [0.1, 0.9])
+            others = np.delete(work.sample.values, column, axis=1)
+            repeated = float(np.mean((others[1:] == others[:-1]).all(axis=1)))
+            twice = f", and {format_percent(repeated, decimals=0)} of the rows repeat the row before: leave these out"
+            remedy = Remedy("rate", float(f"{1.0 / (steps.mean() * CLOCK_FACTORS.get(unit, 1.0)):.4g}"))
+            detail = (
+                f"{name.name} goes forward by {short:.3g} to {long:.3g} {unit} from row to row, too unevenly for a "
+                f"clock{twice if repeated > _MANY_REPEATED else ''}. If the rows are evenly spaced, state their rate: "
+                f"{remedy}."
+            )
+            return Question("columns/t", detail, remedies=(remedy,))
         # Between the first and the last change every row is counted once.
         rate = (ticks[-1] - ticks[0]) / ((t[ticks[-1]] - t[ticks[0]]) * CLOCK_FACTORS.get(unit, 1.0))
         remedy = Remedy("rate", float(f"{rate:.4g}"))
@@ -201,6 +211,8 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
 
 
 _FEWEST_TICKS, _MOST_TICKED = 4, 0.9
+_MANY_REPEATED = 0.2
+"""Share of the rows that repeat the row before, as where two programs write one file."""
 """Changes of a coarse clock by which the rate of the rows is told; and the share of rows at which it may change."""
 
 

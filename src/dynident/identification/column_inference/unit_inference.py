@@ -351,8 +351,9 @@ def guess_stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated:
     most = float(np.nanmax(np.abs(q)))
     if limits is not None and limits[1] > limits[0]:
         # The stroke has to fit into the limits in one unit, and be more than nothing of them.
-        fits = [unit for unit, factor in (("m", 1.0), ("mm", 1e-3)) if factor * reach <= 1.1 * (limits[1] - limits[0])]
-        fits = [unit for unit in fits if (1.0 if unit == "m" else 1e-3) * reach > 1e-3 * (limits[1] - limits[0])]
+        span = limits[1] - limits[0]
+        factors = FACTORS["q", "prismatic"]
+        fits = [unit for unit in ("m", "mm", "um") if 1e-3 * span < factors[unit] * reach <= 1.1 * span]
         if len(fits) == 1:
             return UnitGuess(fits[0], 0.95, f"its stroke is {reach:.3g}, and the joint limits allow this in {fits[0]}")
     if most < _STROKE[1] and reach < 2.0:

@@ -9,7 +9,7 @@ from itertools import permutations
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.identification.column_inference.column_groups import ColumnGroup
+from dynident.identification.column_inference.column_groups import ColumnGroup, infer_by_elimination
 from dynident.identification.column_inference.column_names import ColumnName
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
@@ -17,12 +17,15 @@ from dynident.identification.column_inference.column_statistics import (
     correlate_slopes,
     find_clock_columns,
 )
+from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.number_format import format_percent
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
 _GAP = 3.0
 """Ratio of the smoothest torque's roughness to the roughest position's, at least."""
+MeasureUnexplained = Callable[[tuple[int, ...], tuple[int, ...]], float]
+"""The unexplained share of the torque, of columns of positions and of efforts."""
 
 
 @dataclass(frozen=True)
@@ -219,10 +222,19 @@ def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: Bool
     return numbers if len(moving) % n and not len(numbers) % n else moving
 
 
-def find_forces(groups: Sequence[ColumnGroup]) -> list[ColumnGroup]:
-    """Return as efforts the columns of all joints whose names say force, as simulators call torques as well."""
+def find_forces(groups: Sequence[ColumnGroup], *, slide: bool) -> list[ColumnGroup]:
+    """Return the columns of all joints whose names say force: torques of joints that slide, of others efforts.
+
+    Parameters
+    ----------
+    groups : sequence of ColumnGroup
+        All groups of the file.
+    slide : bool
+        Whether all joints of the robot slide.
+    """
+    meaning = "which is the effort of joints that slide" if slide else "simulators call every effort a force"
     return [
-        replace(group, signal="effort", reason=f"{group.reason}; simulators call every effort a force")
+        replace(group, signal="tau" if slide else "effort", reason=f"{group.reason}; {meaning}")
         for group in groups
         if group.signal == "other" and {"force", "forces"} & set(group.named.words)
     ]
@@ -360,3 +372,91 @@ def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
     shortest = min(range(len(groups)), key=lambda place: len(words[place]))
     others = (other for place, other in enumerate(words) if place != shortest)
     return groups[shortest] if all(words[shortest] < other for other in others) else None
+
+
+def group_unnamed_columns(
+    work: WorkingProposal, groups: list[ColumnGroup], rest: list[int], alive: BoolArray, measure: MeasureUnexplained
+) -> list[ColumnGroup]:
+    """Return groups of the columns whose names say no signal.
+
+    Parameters
+    ----------
+    work : WorkingProposal
+        Gets a question where the order of the joints is not sure.
+    groups : list of ColumnGroup
+        Those whose names say what they are; groups that only count joints get their signals.
+    rest : list of int
+        Columns of no group.
+    alive : (columns,) of bool
+        Which columns change.
+    measure : function
+        Returns the unexplained share of the torque for columns of positions and of efforts.
+    """
+    n = work.robot.n
+    have = {group.signal for group in groups}
+    # The names say enough: content must not overrule them.
+    if "q" in have and have & {"tau", "current", "effort"}:
+        return []
+    silent = [index for group in groups if group.signal is None for index in group.columns]
+    # A column whose name says command is no measurement, whatever it holds.
+    measured = [index for index in (*rest, *silent) if work.column_names[index].rank < 4]
+    pool = sorted({index for index in measured if work.column_names[index].signal is None or index in silent})
+    pool = sort_by_number(work.column_names, select_whole_signals(pool, work.values, alive, n))
+    # A further axis, which the robot lacks, leaves no whole signals: those that all joints have are left.
+    counted = [index for index in pool if index in silent]
+    pool = counted if len(pool) % n and len(counted) >= 2 * n else pool
+    whole = [group for group in groups if group.signal is None]
+    kinds = identify_unnamed_columns(work.t, work.values, pool, n, measure) if pool else None
+    if kinds is None:
+        return infer_by_elimination(groups, whole, measure)
+    groups[:] = [group for group in groups if group.signal is not None]
+    for group in whole:
+        # The names count the joints, which gives the order; the content gives the signal.
+        for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
+            # Content does not say again what other names say already.
+            if set(group.columns) == set(columns) and signal not in have:
+                groups.append(ColumnGroup(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
+    if {group.signal for group in groups} >= {"q", "tau"}:
+        return []
+    return _order_by_joint(work, kinds, pool, measure)
+
+
+def _order_by_joint(
+    work: WorkingProposal, kinds: UnnamedColumns, pool: list[int], measure: MeasureUnexplained
+) -> list[ColumnGroup]:
+    """Return unnamed columns of every kind in the robot's order: that of the pool, if nothing contradicts it."""
+    named = [work.column_names[columns[0]] for columns in (kinds.positions, kinds.efforts)]
+    positions, efforts = list(kinds.positions), list(kinds.efforts)
+    place = {column: k for k, column in enumerate(pool)}
+    regular = all(is_in_order([place[column] for column in of_signal]) for of_signal in (positions, efforts))
+    counted = pool != sorted(pool)
+    reason = f"{kinds.reason}; the joints are in the order of {'their numbers' if counted else 'the file'}"
+    if regular and counted and _is_file_order_as_good(kinds, measure):
+        detail = "The numbers of the joints and their order in the file differ: which order is right?"
+        work.add_question("columns", detail)
+    if not regular:
+        detail = "Neither the names nor the order of the columns show which joint they belong to."
+        work.add_question("columns", detail)
+        q, tau = work.values[:, positions], work.values[:, efforts]
+        order, _ = assign_torques(work.t, q, tau)
+        efforts = [efforts[index] for index in order]
+    groups = [
+        ColumnGroup(tuple(positions), "q", None, 0, named[0], reason),
+        ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason),
+    ]
+    if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
+        groups.append(ColumnGroup(kinds.rates, "dq", None, 0, work.column_names[kinds.rates[0]], reason))
+    return groups
+
+
+def _is_file_order_as_good(kinds: UnnamedColumns, measure: MeasureUnexplained) -> bool:
+    """Tell whether both also stand in order in the file, and the robot's dynamics do not refute that."""
+    in_file = tuple(sorted(kinds.positions)), tuple(sorted(kinds.efforts))
+    counted = kinds.positions, kinds.efforts
+    if in_file == counted or not all(is_in_order(list(columns)) for columns in in_file):
+        return False
+    return measure(*in_file) < _REFUTED * measure(*counted)
+
+
+_REFUTED = 1.25
+"""Ratio of the unexplained shares above which another order of the columns is refuted."""

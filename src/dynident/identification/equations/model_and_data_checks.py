@@ -307,7 +307,7 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
         raise EstimationError(
             f"not identifiable from these data: {_name_parameters(model, unseen)} (the data do not determine the "
             "parameters of a joint that moves too little); lock that joint, leave its effects out, or add a run in "
-            f"which it moves{stands}",
+            f"which it moves; if it did move, its position was not recorded{stands}",
             pointer="/recordings",
             title="Not identifiable",
         )

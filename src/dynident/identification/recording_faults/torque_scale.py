@@ -9,7 +9,7 @@ are built alike, and lose a similar share of what they can give.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -268,8 +268,8 @@ def find_torque_scales(
     tuple of TorqueScale or None
         None where the description gives no masses and friction shows no excess.
     """
-    factors = _compare_with_masses(robot, motion)
-    if factors is None:
+    factors, load = _compare_with_masses(robot, motion), compute_described_load(robot, motion)
+    if factors is None or load is None:
         return _build_scales_by_friction(excess) or None
     middle = _get_median_vote(factors) or 1.0
     # One factor for most joints: the unit of the file is another, not the gains of single joints.
@@ -280,7 +280,9 @@ def find_torque_scales(
         return tuple(
             TorqueScale(joint, middle, _round_to_power(middle)) for joint in range(robot.n) if joint not in right
         )
-    driving = find_driving_joints(motion)
+    # What the load takes and gives back says nothing of a drive; the rest works against friction.
+    rest = motion.tau - load * [times for times, _ in factors]
+    driving = find_driving_joints(motion) | find_driving_joints(replace(motion, tau=rest))
     # The masses come first. Friction decides only for joints whose load explains too little of their torque.
     explained = {joint: times for joint, (times, share) in enumerate(factors) if share >= EXPLAINED and times > 0}
     far = {
@@ -290,7 +292,7 @@ def find_torque_scales(
     }
     fair = [joint for joint in range(robot.n) if joint not in far]
     if frictions is not None and len(fair) > 1:
-        # In another unit friction would be off the same way: alone the load is that of a tool without a description.
+        # In another unit friction is off the same way: alone the load is that of a tool without a description.
         beside = {joint: np.where(np.isin(np.arange(robot.n), [joint, *fair]), frictions, np.nan) for joint in far}
         far = {
             joint: times
@@ -481,8 +483,7 @@ def find_driving_joints(motion: Motion, *, surely: bool = True) -> BoolArray:
         Whether the work has to be clear of what it differs between blocks of time.
     """
     driving = []
-    for joint in range(motion.tau.shape[1]):
-        dq, tau = motion.dq[:, joint], motion.tau[:, joint]
+    for dq, tau in zip(motion.dq.T, motion.tau.T, strict=True):
         work, squares = (np.bincount(motion.block, weights=dq * other).astype(np.float64) for other in (tau, dq))
         driving.append(work.sum() > 0.0 and (not surely or _is_known(work, squares)))
     return np.array(driving)

@@ -113,8 +113,9 @@ class WrappedAngles:
             x = window.values[np.isfinite(window.values[:, column]), column]
             if not self._signals.turning[column] or not len(x) or high - low > 2.0 * TURN:
                 continue
-            # The median of the first samples: a single one may be corrupted.
-            start = float(np.median(x[:9]))
+            # The median of the first samples: a single one may be corrupted. An angle may wrap among them, and all
+            # later ones are counted from the first.
+            start = float(np.median(np.unwrap(x[:9])))
             turn = TURN * round((0.5 * (low + high) - start) / TURN)
             if not low - ROUNDING <= start <= high + ROUNDING and abs(turn) == TURN and low <= start + turn <= high:
                 shift[column] = turn

@@ -19,6 +19,7 @@ from dynident.recordings.conditioning.corrupted_sample_removal import CorruptedS
 from dynident.recordings.conditioning.missing_and_held import (
     MOST_MISSING,
     BridgedGaps,
+    FrozenSignals,
     HeldSamples,
     IdleDrives,
     MissingValues,
@@ -158,6 +159,7 @@ STEPS: dict[str, Callable[[Signals], Step]] = {
         SignedRegisters,
         HeldSamples,
         IdleDrives,
+        FrozenSignals,
         CorruptedSamples,
         WrappedAngles,
         BridgedGaps,

@@ -1,4 +1,4 @@
-"""Repair missing samples (marks such as -9999; short gaps are bridged), held samples, and drives that are off.
+"""Repair missing samples (marks such as -9999; short gaps are bridged), held or frozen ones, and drives that are off.
 
 Holds the longest hold (0.2 s) and the most missing rows (30 %).
 """
@@ -76,6 +76,87 @@ class IdleDrives:
             f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), "
             "and they jump to 0 there: the drives are switched off. These rows are not used, and no filter runs "
             "across them. If the torques are right"
+        )
+        return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
+
+
+RARELY = 0.02
+"""Share of a signal's other rows that may repeat the row before, where a longer repetition is no measurement."""
+
+JUMPS = 5.0
+"""Times its steps from row to row, the 1 % largest apart, that a position goes at once where it was frozen before."""
+
+
+class FrozenSignals:
+    """Removes signals while they stay exactly the same although the robot moves, as where a bus loses them.
+
+    Torques do so while those of other joints go on; positions jump at the end, and those of joints that stand do not.
+    """
+
+    name = "frozen_signals"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+        self._torques = np.array(sorted(signals.position))
+        self._positions = [signals.position[column] for column in sorted(signals.position)]
+        self._frozen_until: dict[int, int] = {}
+
+    def apply(self, window: Window) -> None:
+        """Remove the frozen intervals of a window."""
+        torques = window.values[:, self._torques]
+        goes_on = (np.diff(window.run) == 0) & (np.diff(window.t) > 0.0)
+        same = np.zeros(torques.shape, dtype=bool)
+        same[1:] = (np.diff(torques, axis=0) == 0.0) & goes_on[:, None]
+        shortest = min(MARGIN_ROWS // 2, max(10, round(SHORTEST / self._signals.step)))
+        for joint, column in enumerate(self._torques):
+            starts, stops = find_run_edges(same[:, joint])
+            is_long = stops - starts >= shortest
+            if not is_long.any():
+                continue
+            n_long = int((stops - starts)[is_long].sum())
+            n_others = len(torques) - n_long
+            # Coarse torques repeat everywhere; of a window that is frozen as a whole the one before has told.
+            is_fine = np.count_nonzero(same[:, joint]) - n_long <= RARELY * n_others and n_others > shortest
+            ends = float(np.nanmin(torques[:, joint])), float(np.nanmax(torques[:, joint]))
+            for start, stop in zip(starts[is_long], stops[is_long], strict=True):
+                was_frozen = start <= 1 and self._frozen_until.get(int(column), -1) >= window.first_row
+                # Where all of them stay the same the robot stands; a torque at its end is saturated, and told as that.
+                others = 1.0 - np.delete(same, joint, axis=1)[start:stop].mean(axis=0)
+                is_alone = others.max(initial=0.0) >= 1.0 - RARELY
+                if is_alone and (was_frozen or (is_fine and torques[start, joint] not in ends)):
+                    self._remove(window, int(column), int(start), int(stop))
+        for column in self._positions:
+            x = window.values[:, column]
+            steps = np.where(goes_on, np.abs(np.diff(x)), 0.0)
+            starts, stops = find_run_edges(np.concatenate([[False], (np.diff(x) == 0.0) & goes_on]))
+            is_long = (stops - starts >= shortest) & (stops < len(x))
+            moves = steps[steps > 0.0]
+            if not is_long.any() or np.count_nonzero(steps == 0.0) - (stops - starts)[is_long].sum() > RARELY * len(
+                moves
+            ):
+                continue
+            far = JUMPS * np.quantile(moves, 1.0 - RARELY / 2.0)
+            for start, stop in zip(starts[is_long], stops[is_long], strict=True):
+                if steps[stop - 1] > far:
+                    self._remove(window, int(column), int(start), int(stop))
+
+    def _remove(self, window: Window, column: int, start: int, stop: int) -> None:
+        window.values[start:stop, column] = np.nan
+        window.unused[start:stop] = True
+        self._frozen_until[column] = window.first_row + stop - 1
+        own = window.select_own_rows(np.arange(start, stop))
+        self._found.add(column, own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Report where torques were frozen."""
+        rows = self._found
+        if not rows.n or rows.first is None:
+            return [Check(self.name, "ok", "No signal stays the same while the robot moves.")]
+        detail = (
+            f"{rows.n} samples, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), are exactly the one before "
+            f"although the robot moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
+            "drive was off. These rows are not used, and no filter runs across them. If the values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 

@@ -56,6 +56,10 @@ _PICKLE = "a pickle of Python, which may run programs and is never opened: save 
 _OF_BUS = (
     "a log of raw frames of a bus: decode it to signals with their units first, by the drives' description (DBC, ESI)"
 )
+_BY_CANTOOLS = (
+    "in Python read them with can.LogReader, decode them with decode_message of cantools, and write a line of JSON for "
+    'each, {"t": 12.34, "Motor1.position": 0.5, …}'
+)
 _NOT_READ = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls): save the sheet as CSV."),
     *((b"\x80" + bytes([protocol]), f"{_PICKLE}.") for protocol in range(2, 6)),
@@ -93,7 +97,8 @@ _TEXTS_NOT_READ = (
     (rb"^(?:\((?:dp?|lp?|i)\d*|c[a-z_]\w*(?:\.\w+)*\n\w+)\n", f"{_PICKLE}."),
     (rb"^\n\r\r\n", f"{_OF_BUS} (.pcapng)."),
     (rb"^\s*<\?xml", "XML: write a table, one row for each moment, as CSV or JSON lines."),
-    (rb"^\s*\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]+#", f"{_OF_BUS}, for instance with cantools: decode."),
+    (rb"^\s*\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]+#", f"{_OF_BUS}: {_BY_CANTOOLS}."),
+    (rb"^\s*(?:\(\d+\.\d+\) +)?\w+ +[0-9A-Fa-f]+ +\[\d\d?\]", f"frames of a bus as text: {_BY_CANTOOLS}."),
     (
         rb"^[^\s,]+(?:,[^\s,=]+=[^\s,]+)+ [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)* \d{10,19}\s",
         "InfluxDB's line protocol: query it with pivot(…), one row for each moment, and write that as CSV.",

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.time_columns import are_times
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Fielddefs
@@ -229,6 +230,27 @@ class _NumberMarker:
 
 _FIELDS_OF_JOINTS = {1: ("position",), 2: ("numbers1", "numbers2"), 3: ("position", "velocity", "effort")}
 """Arrays of a message of joint states by their number; of two it is not said which are left empty."""
+
+
+def name_value_columns(words: Sequence[Sequence[str | None]]) -> tuple[str, ...] | None:
+    """Name the columns of rows of a time, a signal's name and its value, which have no line of names.
+
+    Parameters
+    ----------
+    words : sequence of sequences
+        The cells of the first two rows; None for a number.
+
+    Returns
+    -------
+    tuple of str or None
+        None for other files.
+    """
+    if len(words) < 2 or any(len(row) != len(_OF_VALUES) or not row[1] or row[2] is not None for row in words):
+        return None
+    return _OF_VALUES if all(row[0] is None or (row[0] and are_times([row[0]])) for row in words) else None
+
+
+_OF_VALUES = ("time", "signal", "value")
 
 
 def name_message_columns(words: Sequence[Sequence[str | None]]) -> tuple[str, ...] | None:
