@@ -69,6 +69,7 @@ SAMPLES = {
     "impossible": Reason.build("impossible", parameter="Fv3", value=-1.2, unit="N m s/rad", violates="below zero"),
     "unstable": Reason.build("unstable", share=0.62, least=0.9),
     "only_at_reversals": Reason.build("only_at_reversals", share=0.001, least=0.02),
+    "not_confirmed": Reason.build("not_confirmed", share=0.1, least=0.5),
     "cannot_be_added": Reason.build("cannot_be_added", detail="it is the same as the model."),
     "most_effects": Reason.build("most_effects", most=3.0),
     "not_tried": Reason.build("not_tried", why="the model contains it"),

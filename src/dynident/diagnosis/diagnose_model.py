@@ -125,6 +125,7 @@ def diagnose(
     recordings: Sequence[Recording],
     *,
     baseline: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
@@ -143,6 +144,9 @@ def diagnose(
     baseline : sequence of Recording, optional
         Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
         is then identified on both, and detection limits are those of effects that arms often have.
+    validation : sequence of Recording, optional
+        Recordings of the same robot that the model was not identified from. They propose nothing, but a finding that
+        they do not confirm is none. With a baseline they are not used.
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
     most_effects : int
@@ -169,6 +173,7 @@ def diagnose(
         identification,
         recordings,
         baseline=baseline,
+        validation=validation,
         candidates=candidates,
         most_effects=most_effects,
         significance=significance,
@@ -183,6 +188,7 @@ def examine(
     recordings: Sequence[Recording],
     *,
     baseline: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
@@ -199,6 +205,8 @@ def examine(
         The data to learn from, as for `diagnose`.
     baseline : sequence of Recording, optional
         Earlier recordings of the same robot, as for `diagnose`.
+    validation : sequence of Recording, optional
+        Held-out recordings that confirm findings, as for `diagnose`.
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
     most_effects : int
@@ -235,7 +243,9 @@ def examine(
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     rules = DecisionRules(significance=significance, most_effects=most_effects)
-    question = _Question(identification, recordings, comparisons, tried, resolved, floor, since, rules)
+    # A difference between days is none of held-out recordings, of which nobody says on which day they were made.
+    held_out = () if baseline else validation
+    question = _Question(identification, recordings, held_out, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
     refined = _refine_search(question, leads, search, scale_progress(progress, 0.5, 0.56))
@@ -328,10 +338,11 @@ def examine(
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """What a search needs besides its proposals: model, recordings, effects to try, resolution, noise, levels."""
+    """What a search needs besides its proposals: model, data, effects to try, resolution, noise, levels."""
 
     identification: Identification
     recordings: Sequence[Recording]
+    validation: Sequence[Recording]
     comparisons: Sequence[Comparison]
     effects: Sequence[str]
     resolved: Resolution
@@ -440,7 +451,7 @@ def _identify_with_findings(
 ) -> _Refined:
     """Identify the model with findings, less those that cannot be added or explain nothing any more in it."""
     identification, recordings = question.identification, question.recordings
-    grown, undetermined = extend_with_findings(identification, recommended, recordings, progress)
+    grown, undetermined = extend_with_findings(identification, recommended, recordings, question.validation, progress)
     record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
     findings, recommended = _drop_findings(findings, recommended, list(undetermined))
     is_extended = grown is not identification
