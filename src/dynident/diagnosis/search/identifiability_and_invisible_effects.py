@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from dynident.estimation import Reduction, solve_weighted
 from dynident.estimation.least_squares import compute_noise_levels
 from dynident.identification import Identification
 from dynident.identification.identified_models.add_effects import extend_at_once
+from dynident.identification.identified_models.remove_and_solve_again import reidentify
 from dynident.number_format import format_percent
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
@@ -290,6 +292,9 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
     gone: dict[int, Reason] = {}
     if data is None:
         return gone
+    # As it will be used: a few rows at reversals, where play and filters show, must not decide what moving rows judge.
+    if grown.choices.plan.from_reduced:
+        grown = reidentify(grown, replace(grown.choices, weigh_turns=True))
     training, kept = grown.data.training, grown.model.kept
     own = [{column.key for column in build_columns([choice], grown.model.signals)} for choice in choices]
     while len(gone) < len(choices):
@@ -322,10 +327,12 @@ def _compute_confirmed_share(
 ) -> float:
     """Return the squared error that some columns remove from held-out rows, as a share of the torque they predict.
 
-    That of the kind of rows that speaks most for them, of those on which they claim to act; infinite without any.
+    On the joints that they act on, whatever other parameters make of the others; of the kind of rows that speaks most
+    for them, of those on which they claim to act. Infinite where they predict nothing.
     """
     without = _solve_with(grown.data.training, [k for k in columns if k not in own])
     observation, noise = grown.model.observation, np.where(grown.noise > 0, grown.noise, 1.0)[:, None]
+    acting = [bool(set(own) & set(equation.columns.tolist())) for equation in data.equations]
     kinds: list[FittedPhase] = ["moving"]
     if remembers_path(observation, grown.model.signals)[list(own)].any():
         kinds.append("reversing")
@@ -334,7 +341,7 @@ def _compute_confirmed_share(
     shares = []
     for kind in kinds:
         after, before, midway = (
-            float((compute_phase_squares(data, each, kind) / noise**2).sum())
+            float((compute_phase_squares(data, each, kind) / noise**2)[acting].sum())
             for each in (values, without, 0.5 * (values + without))
         )
         # Of three points on a line of parameters, the squared errors give the square of what they predict differently.
