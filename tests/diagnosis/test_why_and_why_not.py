@@ -33,7 +33,7 @@ GOOD = judged(np.linspace(1.0, 2.0, 40), name="viscous_asymmetric", p=1e-3, t=9.
         ({"separability": 0.01}, "not_determined", {"share": 0.01, "least": 0.02}),
         ({"p": 0.04}, "not_significant", {"p": 0.04, "level": 0.01}),
         ({"t": 0.5}, "not_significant", {"t": 0.5}),
-        ({"drop": 0.03}, "too_small", {"measure": "squared_error", "share": 0.03, "least": 0.04}),
+        ({"drop": 0.03}, "too_small", {"measure": "squared_error", "share": 0.03, "least": 0.0396}),
         ({"after": 1.99 * ROWS}, "too_small", {"measure": "error", "least": 0.02}),
         ({"separability": 0.025, "t": 3.0}, "not_determined", {"share": 0.025}),
     ],
