@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +19,6 @@ from dynident_cli.shared_options import (
     Out,
     OutputOptions,
     Reading,
-    Validation,
     file_option,
     repeatable_file_option,
 )
@@ -120,7 +118,6 @@ def changes(
 def diagnose(
     model: ModelArgument,
     measurements: Measurements,
-    validation: Validation,
     reading: Reading,
     request_options: Annotated[TypedValues, RequestOptions(DiagnosisChoices)],
     result: OutputOptions,
@@ -154,8 +151,7 @@ def diagnose(
 ) -> None:
     """Name the physical effects that a model lacks.
 
-    Give the recordings from which the model was identified. What held-out recordings (--validation) do not confirm is
-    not named. --out writes the diagnosis as JSON.
+    Give the recordings from which the model was identified. --out writes the diagnosis as JSON.
     """
     from dynident.api.model_diagnosis import diagnose as diagnose_model
     from dynident.api.model_identification import load_model
@@ -165,10 +161,11 @@ def diagnose(
     robot = identified.robot
     questions = [option_parsers.parse_effect_place(text, robot.joint_names) for text in why or ()]
     choices = request_options.build_request(DiagnosisChoices)
-    with argument_loading.read_recordings("diagnose", measurements, robot, reading, validation, share=0.3) as data:
-        recordings, held_out, progress = data
+    with argument_loading.read_recordings("diagnose", measurements, robot, reading, share=0.3) as data:
+        recordings, _, progress = data
         diagnosed = diagnose_model(
-            replace(identified, recordings=recordings, validation=held_out),
+            identified,
+            recordings,
             candidates=choices.candidates,
             most_effects=choices.max_effects,
             significance=choices.significance,
@@ -178,8 +175,7 @@ def diagnose(
         advises = next_experiment or (next_experiment is None and (result.out is not None or result.as_json))
         diagnosis: Diagnosis = diagnosed.advised_diagnosis if advises else diagnosed.diagnosis
     n_open = 0 if advises else len(diagnosed.examination.doubts)
-    files = [str(model), *map(str, measurements), *(word for path in validation for word in ("-v", str(path)))]
-    extend_command = _write_extend_command(diagnosis.recommended, files, reading, result.out)
+    extend_command = _write_extend_command(diagnosis.recommended, model, measurements, reading, result.out)
     command_output.write_result(
         result,
         "diagnosis",
@@ -191,9 +187,9 @@ def diagnose(
 
 
 def _write_extend_command(
-    recommended: Sequence[EffectChoice], files: Sequence[str], reading: Reading, out: Path | None
+    recommended: Sequence[EffectChoice], model: Path, measurements: Sequence[Path], reading: Reading, out: Path | None
 ) -> str:
-    """Write the command that adds the recommended effects, with recordings read as they were here."""
+    """Write the command that adds the recommended effects, with measurements read as they were here."""
     from dynident.effects.effect_text_format import format_effect
     from dynident_cli.request_options import list_option_words
 
@@ -202,7 +198,8 @@ def _write_extend_command(
         added = ["--diagnosis", "FILE" if out is None else str(out)]
     else:
         added = ["--effects", ",".join(map(format_effect, recommended))]
-    command = shlex.join(["dynident", "extend", *files, *list_option_words(reading), *added])
+    paths = [str(path) for path in (model, *measurements)]
+    command = shlex.join(["dynident", "extend", *paths, *list_option_words(reading), *added])
     return command if "FILE" not in added else f"{command} (FILE: diagnose again with --out FILE)"
 
 

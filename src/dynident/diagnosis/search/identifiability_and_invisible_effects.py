@@ -288,9 +288,9 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
     choices : sequence of EffectChoice
         Effects that it has.
     """
-    data = grown.data.held_out
+    held_out = grown.data.held_out
     gone: dict[int, Reason] = {}
-    if data is None:
+    if held_out is None:
         return gone
     # As it will be used: a few rows at reversals, where play and filters show, must not decide what moving rows judge.
     if grown.choices.plan.from_reduced:
@@ -301,10 +301,10 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
         others = [number for number in range(len(choices)) if number not in gone]
         dropped = {key for number in gone for key in own[number]}
         columns = [k for k, column in enumerate(kept) if column.key not in dropped]
-        values = _solve_with(training, columns)
+        parameters = _solve_with(training, columns)
         shares = {
             number: _compute_confirmed_share(
-                grown, data, values, [k for k in columns if kept[k].key in own[number]], columns
+                grown, held_out, parameters, [k for k in columns if kept[k].key in own[number]], columns
             )
             for number in others
         }
@@ -317,9 +317,9 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
 
 def _solve_with(training: Reduction, columns: Sequence[int]) -> FloatArray:
     """Return the parameters (c,) of the data's columns that least squares gives to some of them; the others are 0."""
-    values = np.zeros(training.n_columns)
-    values[list(columns)] = solve_weighted(training.select_columns(columns)).values
-    return values
+    parameters = np.zeros(training.n_columns)
+    parameters[list(columns)] = solve_weighted(training.select_columns(columns)).values
+    return parameters
 
 
 def _compute_confirmed_share(

@@ -432,12 +432,11 @@ class TreeFit:
         whole, own = grams.inner[-1, joint], values[:, friction]
         work = own @ whole[sign, friction]
         # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
-        if work.mean() >= -_compute_doubt(work):
+        if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
             return False
         # A torque of the wrong sign turns dry friction round, too. Where only what grows with the speed drives, the
         # torque is logged early, or at one point of each step of a servo's command.
-        dry = values[:, sign]
-        if dry.mean() > _compute_doubt(dry):
+        if values[:, sign].mean() > _DRIVES * np.sqrt((BLOCKS - 1) * values[:, sign].var()):
             return False
         # Friction that is small beside the residual may have any sign.
         size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
@@ -454,11 +453,6 @@ class TreeFit:
             ]
             frictions.append((own, next(k for k in own if get_role(columns[k]) == "dry")))
         return frictions
-
-
-def _compute_doubt(of_fits: FloatArray) -> float:
-    """Return how far from zero is surely not zero, from fits (blocks,) that leave one block out each (jackknife)."""
-    return _DRIVES * float(np.sqrt((BLOCKS - 1) * of_fits.var()))
 
 
 def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray:
