@@ -295,16 +295,16 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
     # As it will be used: a few rows at reversals, where play and filters show, must not decide what moving rows judge.
     if grown.choices.plan.from_reduced:
         grown = reidentify(grown, replace(grown.choices, weigh_turns=True))
-    training, kept = grown.data.training, grown.model.kept
+    training, all_columns = grown.data.training, grown.model.kept
     own = [{column.key for column in build_columns([choice], grown.model.signals)} for choice in choices]
     while len(gone) < len(choices):
         others = [number for number in range(len(choices)) if number not in gone]
         dropped = {key for number in gone for key in own[number]}
-        columns = [k for k, column in enumerate(kept) if column.key not in dropped]
+        columns = [k for k, column in enumerate(all_columns) if column.key not in dropped]
         parameters = _solve_with(training, columns)
         shares = {
             number: _compute_confirmed_share(
-                grown, held_out, parameters, [k for k in columns if kept[k].key in own[number]], columns
+                grown, held_out, parameters, [k for k in columns if all_columns[k].key in own[number]], columns
             )
             for number in others
         }
