@@ -116,10 +116,10 @@ def draw_mess(site: Site) -> tuple[Placed, ...]:
 def judge(case: Case, folder: Path | None) -> dict[str, object]:
     """Simulate a case, identify, diagnose and compare with what is hidden."""
     data, robot = recorded(case, folder), as_described(arm_by_name(case.arm), case.noise)
-    training = data.recordings(held_out=False)
-    plain = identify(robot, training, data.recordings(held_out=True))
+    training, validation = data.recordings(held_out=False), data.recordings(held_out=True)
+    plain = identify(robot, training, validation)
     start = time.perf_counter()
-    diagnosis = diagnose(plain, training)
+    diagnosis = diagnose(plain, training, validation=validation)
     seconds = time.perf_counter() - start
     target = case.hidden[-1]
     hits = [

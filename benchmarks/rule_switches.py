@@ -33,7 +33,6 @@ from dynident.diagnosis.search.search_state import Finding, State
 
 LEVELS: dict[str, dict[str, float]] = {
     "least_error_drop": {"least_error_drop": 0.0},
-    "least_drop": {"least_drop": 0.0},
     "least_gain_over_noise": {"least_gain_over_noise": 0.0},
     "least_gain_at_reversals": {"least_gain_at_reversals": 0.08},
     "most_of_block": {"most_of_block": 1e9},
@@ -65,6 +64,7 @@ LEVELS: dict[str, dict[str, float]] = {
     "harm": {"harm": 1e9},
     "harm_t": {"harm_t": 1e9},
     "wrong_sign": {"wrong_sign": 0.0},
+    "confirmed": {"confirmed": -1e9},
     "rows_of_filter": {"rows_of_filter": 1.0},
     "part_to_part": {"part_to_part": 1e9},
     "main_explanation": {"main_explanation": -1e9},
@@ -229,7 +229,6 @@ DECISIONS: dict[str, list[Callable[..., Any]]] = {
 FLOODGATES = {
     "compare_names",
     "least_error_drop",
-    "least_drop",
     "joint_drop",
     "joint_t",
     "found_again",

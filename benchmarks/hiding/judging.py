@@ -50,7 +50,7 @@ def judge(case: Case, folder: Path | None, shows: float = SHOWS) -> Outcome:
     training, held_out = data.recordings(held_out=False), data.recordings(held_out=True)
     start = time.perf_counter()
     plain = identify(robot, training, held_out)
-    diagnosis = diagnose(plain, training)
+    diagnosis = diagnose(plain, training, validation=held_out)
     better = extend(plain, diagnosis.recommended, training, held_out) if diagnosis.recommended else plain
     seconds = time.perf_counter() - start
     true = _true_structure(case, robot, plain, training, held_out)

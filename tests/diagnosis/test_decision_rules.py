@@ -35,7 +35,7 @@ def test_every_level_says_what_it_is_and_why() -> None:
 
 def test_the_levels_cannot_be_changed_in_place() -> None:
     with pytest.raises(FrozenInstanceError):
-        RULES.least_drop = 0.5  # type: ignore[misc]
+        RULES.least_error_drop = 0.5  # type: ignore[misc]
 
 
 def score(**values: float) -> ScoredCandidate:
@@ -61,7 +61,6 @@ def score(**values: float) -> ScoredCandidate:
     [
         ({"separability": 0.1}, {"least_separability": 0.2}, "not_determined"),
         ({"p": 0.008}, {"significance": 0.005}, "not_significant"),
-        ({"share": 0.1}, {"least_drop": 0.2}, "too_small"),
         ({"share": 0.1}, {"least_error_drop": 0.2}, "too_small"),
         ({"t": 3.0, "separability": 0.2}, {"least_reach": 1.0}, "not_determined"),
     ],

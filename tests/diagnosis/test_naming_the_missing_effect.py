@@ -388,10 +388,10 @@ def test_refining_constants_tells_its_progress_and_can_be_cancelled(monkeypatch)
 def test_what_cannot_be_added_once_a_wrong_name_is_gone_is_none_of_the_findings(monkeypatch):
     calls = []
 
-    def extend(model, choices, recordings, progress):
+    def extend(model, choices, recordings, validation, progress):
         calls.append([choice.effect for choice in choices])
         if len(calls) == 1:
-            return extend_with_findings(model, choices, recordings, progress)
+            return extend_with_findings(model, choices, recordings, validation, progress)
         invisible = Invisible(choices[0].effect, choices[0].joints, "it cannot be added")
         return model, {0: (invisible, Reason.build("cannot_be_added", detail="none"))}
 

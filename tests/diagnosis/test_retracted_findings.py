@@ -3,20 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
-from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, compared, experiment, motions, on_joint, recorded
+from support.hidden_effects import (
+    BAND,
+    CASES,
+    NAMES,
+    ROBOT,
+    WITH_OFFSET,
+    compared,
+    experiment,
+    motions,
+    nothing,
+    on_joint,
+    recorded,
+)
 
+from dynident.diagnosis import diagnose
 from dynident.diagnosis.ambiguities import find_misnamed
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.diagnosis_result import UnknownPattern, Variable
 from dynident.diagnosis.search import identifiability_and_invisible_effects
 from dynident.diagnosis.search.identifiability_and_invisible_effects import (
+    can_confirm,
     extend_with_findings,
     is_only_helpful_at_first,
+    list_unconfirmed,
 )
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
@@ -110,11 +126,11 @@ def test_what_changed_is_not_credited_with_what_the_model_has_on_all_days() -> N
 
 
 def test_what_helps_no_more_is_found_beside_what_cannot_be_added_and_all_can_be_cancelled(monkeypatch) -> None:
-    def extend(model, choices, recordings, progress):
+    def extend(model, choices, recordings, validation, progress):
         progress(0.5, "extending")
         if any(choice.effect == "offset" for choice in choices):
             raise DynidentError("its columns are known")
-        return object()
+        return SimpleNamespace(data=SimpleNamespace(held_out=None))
 
     module = identifiability_and_invisible_effects
     monkeypatch.setattr(module, "extend_at_once", extend)
@@ -125,8 +141,58 @@ def test_what_helps_no_more_is_found_beside_what_cannot_be_added_and_all_can_be_
         fractions.append(fraction)
 
     choices = [EffectChoice(name) for name in ("backlash", "offset", "stribeck")]
-    grown, gone = extend_with_findings(cast(Any, None), choices, [], note)
+    grown, gone = extend_with_findings(cast(Any, None), choices, [], [], note)
     assert {k: reason.code for k, (_, reason) in gone.items()} == {0: "no_help_once_added", 1: "cannot_be_added"}
     assert grown is not None
     # All at once, one by one, then the one that stays.
     np.testing.assert_allclose(fractions, [0.5, 1 / 6, 3 / 6, 5 / 6, 0.5])
+
+
+@pytest.mark.parametrize("effect", ["joint_spring", "presliding", "torque_ripple"])
+def test_only_what_held_out_recordings_have_as_well_is_found(effect: str) -> None:
+    case = CASES[effect]
+    run = experiment(case.hidden)
+    # The same motion of an arm that has not what the recordings of the fit have.
+    without = recorded(motions(0)[1], nothing, 7, "validation")
+    confirmed, refused = (
+        diagnose(run.identification, [run.training], validation=[held_out], candidates=[effect])
+        for held_out in (run.validation, without)
+    )
+    joints = tuple(NAMES[joint] for joint in case.joints)
+    assert [(choice.effect, choice.joints) for choice in confirmed.recommended] == [(effect, joints)]
+    assert refused.recommended == ()
+    reason = refused.why_not(effect, joints[0])
+    values = dict(reason.values)
+    assert reason.code == "not_confirmed"
+    # Where nothing of what is predicted is there, the squared error grows.
+    assert values["share"] < 0.0
+    assert "their error grows" in reason.text
+
+
+def test_what_is_there_is_confirmed_beside_what_is_not() -> None:
+    case = CASES["stribeck"]
+    run = experiment(case.hidden)
+
+    def also(motion, load):
+        return case.hidden(motion, load) + on_joint(4, lambda q, v, load: 3.0 * q)(motion, load)
+
+    training = recorded(motions(0)[0], also, 3, "training")
+    choices = [
+        EffectChoice("stribeck", (NAMES[1],), (("vs", 0.12), ("delta", 2.0))),
+        EffectChoice("joint_spring", (NAMES[4],)),
+    ]
+    plain = identify(ROBOT, [training], [run.validation], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    grown = extend_at_once(plain, choices, [training], [run.validation])
+    assert list(list_unconfirmed(grown, choices)) == [1]
+    # Nothing is held out: then nothing can refuse it.
+    assert list_unconfirmed(extend_at_once(plain, choices, [training]), choices) == {}
+
+
+def test_held_out_recordings_are_not_asked_what_they_cannot_say() -> None:
+    run = experiment()
+    warm, loaded = EffectChoice("temperature_friction"), EffectChoice("payload", (NAMES[5],), (), ("training",))
+    assert can_confirm([EffectChoice("offset", (NAMES[1],))], [run.validation])
+    assert not can_confirm([loaded], [run.validation])
+    assert not can_confirm([warm], [run.validation])
+    commanded = replace(run.validation, torque_from_commands=True)
+    assert not can_confirm([EffectChoice("offset", (NAMES[1],))], [commanded])

@@ -128,6 +128,17 @@ def test_a_wrist_whose_torque_is_turned_round_is_told_by_its_friction() -> None:
     assert "friction would drive the joint" in wrong.detail
 
 
+def test_a_wrist_whose_torque_falls_with_its_speed_but_not_its_dry_friction_is_not_turned_round() -> None:
+    motion, tau = measured()
+    # As of a current that is read at the end of each step of a servo's command: more speed, less torque.
+    falling = 0.07 * EFFORT[5] * motion.dq[:, 5]
+    assert np.mean((0.04 * EFFORT[5] * np.sign(motion.dq[:, 5]) - falling) * np.sign(motion.dq[:, 5])) < 0.0
+    early = tau.copy()
+    early[:, 5] -= 0.03 * EFFORT[5] * motion.dq[:, 5] + falling
+    found, _ = find_recording_faults(ROBOT, record(ROBOT, motion, early)) or ((), 1.0)
+    assert found == ()
+
+
 def test_of_a_motor_that_hardly_works_no_sign_is_turned_without_asking() -> None:
     motion, tau = measured()
     # As much friction as a motor has that is off, and more: a sixth of the drives beside it.

@@ -176,6 +176,7 @@ class DiagnoseArguments(RequestModel):
 
     model: _Path
     recordings: Recordings = Field(min_length=1)
+    validation: Recordings = Field(default=[], description="Held-out recordings: what they do not confirm is not named")
     next_experiment: bool = Field(default=False, description="Look also for the motion that would show more")
     out: _Path = Field(description="The diagnosis to write, .json; why_not and design take it as `diagnosis`")
 

@@ -154,11 +154,13 @@ def _identify(folder: Folder, given: arguments.IdentifyArguments, progress: Prog
 
 def _diagnose(folder: Folder, given: arguments.DiagnoseArguments, progress: Progress) -> Answer:
     out = folder.find_new_file(given.out, "/out")
-    model, runs = _load_model_with(folder, given.model, given.recordings, scale_progress(progress, 0.0, _READ))
+    reading = scale_progress(progress, 0.0, _READ / 2)
+    model, runs = _load_model_with(folder, given.model, given.recordings, reading)
+    reading = scale_progress(progress, _READ / 2, _READ)
+    held_out = arguments.read_recordings(folder, model.robot, given.validation, "validation", reading)
     choices = to_request(given, DiagnosisChoices)
     diagnosed = dy.diagnose(
-        model,
-        runs,
+        replace(model, recordings=runs, validation=held_out),
         candidates=choices.candidates,
         most_effects=choices.max_effects,
         significance=choices.significance,

@@ -47,6 +47,8 @@ def diagnose_model(task: Task) -> Outcome:
     model = load_stored_model(task, request.identification_id)
     recordings = open_stored_recordings(task, measurement_ids)
     earlier = open_stored_recordings(task, request.baseline_ids)
+    # What is diagnosed is not held out.
+    held_out_ids = [key for key in identification.request.get("validation_ids", ()) if key not in measurement_ids]
     # What is known of the robot now, which may be more than when the model was identified.
     robot = task.resources.get("robot", identification.get_dependency("robot")).request
     stated = {**dict.fromkeys(robot.get("has", ()), True), **dict.fromkeys(robot.get("has_not", ()), False)}
@@ -54,6 +56,7 @@ def diagnose_model(task: Task) -> Outcome:
         model,
         recordings,
         baseline=earlier,
+        validation=open_stored_recordings(task, held_out_ids),
         candidates=choices.candidates,
         most_effects=choices.max_effects,
         significance=choices.significance,

@@ -53,6 +53,7 @@ class Reason(ViewModel):
         "harmful",
         "misnamed",
         "no_help_once_added",
+        "not_confirmed",
         "cannot_be_added",
         "most_effects",
         "undetermined_model",

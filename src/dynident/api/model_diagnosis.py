@@ -283,7 +283,7 @@ def diagnose(
     model : Model
         The identified model, with or without its recordings.
     recordings : recordings, optional
-        By default those from which the model was identified, so that its validation data stay independent.
+        By default those from which the model was identified; its validation recordings then confirm what is found.
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
     most_effects : int
@@ -319,7 +319,7 @@ def diagnose(
     True
     """
     desk_model = as_model(model)
-    # The recordings of the fit are the default, so that the validation data stay unseen for what comes of it.
+    # The recordings of the fit are the default: those held out propose nothing, and may refuse what the others propose.
     if recordings is None:
         desk_model.check_data("diagnose the model")
     checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
@@ -327,6 +327,7 @@ def diagnose(
     examination = examine(
         desk_model.identification,
         checked_recordings.recordings,
+        validation=desk_model.validation.recordings if recordings is None else (),
         candidates=[candidates] if isinstance(candidates, str) else candidates,
         most_effects=most_effects,
         significance=significance,

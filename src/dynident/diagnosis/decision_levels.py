@@ -63,9 +63,6 @@ class DecisionRules:
     least_error_drop: float = _declare_level(0.02, "-",
         "Share of the held-out error, in N m, that an effect must remove on its joints",
         "Nobody would notice less")
-    least_drop: float = _declare_level(0.04, "-",
-        "Share of the squared error that an effect must remove on the joint that it improves most",
-        "Twice the share of the error, because the error is the root of this")
     least_gain_over_noise: float = _declare_level(0.08, "-",
         "Power that an effect must remove, as a share of the power of the sensor noise",
         "Less does not matter in practice; up to a quarter, most names are still right", "smallest_gain")
@@ -163,6 +160,11 @@ class DecisionRules:
     harm_t: float = _declare_level(3.5, "-",
         "t of the increase of a joint's error from which on it is more than chance",
         "Some forty joints and findings are tested: by chance in one of fifty diagnoses")
+    confirmed: float = _declare_level(0.5, "-",
+        "Share of the squared torque that a finding predicts of held-out rows by which it must lower their squared "
+        "error",
+        "1 if all of it is right, below 0 if less than half of it is; real arms' effects had 0.7 and more, names of "
+        "what they have not 0.4 and less")
     wrong_sign: float = _declare_level(2.0, "standard deviations",
         "Distance from zero from which on a parameter of the wrong sign counts",
         "One in forty by chance")
@@ -205,6 +207,11 @@ class DecisionRules:
         "Largest residual of a moving joint under an adequate model, over the sensor's noise",
         "Up to 1.9 in 72 clean cases, up to 3.8 if arms dwell at many points", "clean_residuals")
     # fmt: on
+
+    @property
+    def least_drop(self) -> float:
+        """Share of the squared error that an effect must remove on the joint that it improves most."""
+        return 1.0 - (1.0 - self.least_error_drop) ** 2
 
     def list_levels(self) -> Iterator[Level]:
         """Yield the levels with their descriptions, in the order of the decision."""

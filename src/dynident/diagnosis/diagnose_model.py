@@ -8,12 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.ambiguities import (
-    Doubt,
-    find_dependent_findings,
-    find_misnamed,
-    list_doubts,
-)
+from dynident.diagnosis.ambiguities import Doubt, find_dependent_findings, find_misnamed, list_doubts
 from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.changes_between_recordings import (
     add_friction_differences,
@@ -26,7 +21,7 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.decision_levels import DecisionRules
-from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_request
+from dynident.diagnosis.diagnosis_request import check_request
 from dynident.diagnosis.diagnosis_result import (
     Change,
     DetectionLimit,
@@ -125,11 +120,11 @@ def diagnose(
     recordings: Sequence[Recording],
     *,
     baseline: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
-    most_effects: int = DEFAULT_MOST_EFFECTS,
-    significance: float = DEFAULT_SIGNIFICANCE,
     hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
+    **levels: float,
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
 
@@ -143,17 +138,18 @@ def diagnose(
     baseline : sequence of Recording, optional
         Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
         is then identified on both, and detection limits are those of effects that arms often have.
+    validation : sequence of Recording, optional
+        Recordings of the same robot that the model was not identified from. They propose nothing, but a finding that
+        they do not confirm is none. With a baseline they are not used.
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
-    most_effects : int
-        Largest number of effects that are recommended, contacts not counted.
-    significance : float
-        Largest p-value of a finding: the probability that an effect is named although nothing is missing.
     hardware : mapping of str to bool
         Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
         states: effects of parts that are not there are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
+    **levels : float
+        Levels of `DecisionRules` that differ from its own, such as `significance` and `most_effects`.
 
     Returns
     -------
@@ -169,11 +165,11 @@ def diagnose(
         identification,
         recordings,
         baseline=baseline,
+        validation=validation,
         candidates=candidates,
-        most_effects=most_effects,
-        significance=significance,
         hardware=hardware,
         progress=progress,
+        **levels,
     ).diagnosis
 
 
@@ -183,11 +179,11 @@ def examine(
     recordings: Sequence[Recording],
     *,
     baseline: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
-    most_effects: int = DEFAULT_MOST_EFFECTS,
-    significance: float = DEFAULT_SIGNIFICANCE,
     hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
+    **levels: float,
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
 
@@ -199,17 +195,17 @@ def examine(
         The data to learn from, as for `diagnose`.
     baseline : sequence of Recording, optional
         Earlier recordings of the same robot, as for `diagnose`.
+    validation : sequence of Recording, optional
+        Held-out recordings that confirm findings, as for `diagnose`.
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
-    most_effects : int
-        Largest number of effects that are recommended, contacts not counted.
-    significance : float
-        Largest p-value of a finding: the probability that an effect is named although nothing is missing.
     hardware : mapping of str to bool
         Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
         states: effects of parts that are not there are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
+    **levels : float
+        Levels of `DecisionRules`, as for `diagnose`.
 
     Returns
     -------
@@ -234,8 +230,10 @@ def examine(
     tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
-    rules = DecisionRules(significance=significance, most_effects=most_effects)
-    question = _Question(identification, recordings, comparisons, tried, resolved, floor, since, rules)
+    rules = DecisionRules(**levels)
+    # A difference between days is none of held-out recordings, of which nobody says on which day they were made.
+    held_out = () if baseline else validation
+    question = _Question(identification, recordings, held_out, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
     refined = _refine_search(question, leads, search, scale_progress(progress, 0.5, 0.56))
@@ -264,7 +262,7 @@ def examine(
         unknown = find_unknown_patterns(final)
     # Of two days, halts would have to be asked apart.
     if not baseline:
-        grown, final, held = find_static_friction(grown, recordings, final, candidates, significance)
+        grown, final, held = find_static_friction(grown, recordings, final, candidates, rules.significance)
         findings, recommended = (
             (*findings, *held),
             (*recommended, *(finding.judged.candidate.choice for finding in held)),
@@ -328,10 +326,11 @@ def examine(
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """What a search needs besides its proposals: model, recordings, effects to try, resolution, noise, levels."""
+    """What a search needs besides its proposals: model, data, effects to try, resolution, noise, levels."""
 
     identification: Identification
     recordings: Sequence[Recording]
+    validation: Sequence[Recording]
     comparisons: Sequence[Comparison]
     effects: Sequence[str]
     resolved: Resolution
@@ -440,7 +439,7 @@ def _identify_with_findings(
 ) -> _Refined:
     """Identify the model with findings, less those that cannot be added or explain nothing any more in it."""
     identification, recordings = question.identification, question.recordings
-    grown, undetermined = extend_with_findings(identification, recommended, recordings, progress)
+    grown, undetermined = extend_with_findings(identification, recommended, recordings, question.validation, progress)
     record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
     findings, recommended = _drop_findings(findings, recommended, list(undetermined))
     is_extended = grown is not identification

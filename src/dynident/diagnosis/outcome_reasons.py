@@ -25,6 +25,7 @@ ReasonCode = Literal[
     "harmful",
     "misnamed",
     "no_help_once_added",
+    "not_confirmed",
     "cannot_be_added",
     "most_effects",
     "undetermined_model",
@@ -228,6 +229,12 @@ def _word_unstable(_step: int | None, values: Values) -> str:
     )
 
 
+def _word_not_confirmed(_step: int | None, values: Values) -> str:
+    share = float(values["share"])
+    change = "grows" if share < 0.0 else f"falls by {_percent(share)} of what it would if all of it were right"
+    return f"Held-out recordings do not confirm it: their error {change}; {_percent(values['least'], 1)} is required."
+
+
 _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingProxyType(
     {
         "accepted": _word_accepted,
@@ -256,6 +263,7 @@ _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingPr
             "It explains a part of the residual, but no longer once the model is identified with it: the motion "
             "hardly determines the torque that it depends on."
         ),
+        "not_confirmed": _word_not_confirmed,
         "cannot_be_added": lambda step, values: f"It cannot be added: {values['detail']}",
         "most_effects": lambda step, values: (
             f"The largest number of effects, {_number(values['most'])}, was reached before it."

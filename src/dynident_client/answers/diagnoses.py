@@ -299,6 +299,7 @@ class Reason(TypedDict):
         "harmful",
         "misnamed",
         "no_help_once_added",
+        "not_confirmed",
         "cannot_be_added",
         "most_effects",
         "undetermined_model",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from dynident.array_types import BoolArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, compute_held_out_errors
 from dynident.diagnosis.candidates.significance import ScoredCandidate
@@ -18,18 +19,30 @@ from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import solve_weighted
+from dynident.estimation import Reduction, solve_weighted
 from dynident.estimation.least_squares import compute_noise_levels
 from dynident.identification import Identification
 from dynident.identification.identified_models.add_effects import extend_at_once
+from dynident.identification.identified_models.remove_and_solve_again import reidentify
 from dynident.number_format import format_percent
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
+from dynident.recordings.pose_recordings import has_poses
+from dynident.regressors.errors_by_phase import FittedPhase, compute_phase_squares
+from dynident.regressors.row_phases import remembers_path, shows_at_starts
 
 _AT_FIRST = (
     "it explains a part of the residual of this model, but it does not explain that part once the model is "
     "identified with it: the motion hardly determines the torque that it depends on"
 )
+
+_UNCONFIRMED = (
+    "it explains a part of the residual of the recordings of the fit, but held-out recordings do not have the torque "
+    "that it predicts there"
+)
+
+_NOTHING_PREDICTED = 1e-6
+"""Squared torque that an effect predicts of held-out rows, as a share of their squared error: less is rounding."""
 
 Key = tuple[str, tuple[str, ...]]
 
@@ -176,28 +189,48 @@ def extend_with_findings(
     identification: Identification,
     recommended: Sequence[EffectChoice],
     recordings: Sequence[Recording],
+    validation: Sequence[Recording],
     progress: Progress,
 ) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
-    """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
+    """Extend the model by all recommended effects; return also, by number, those that cannot be added or do not help.
 
     First-order effects are about the torque that the model with all of them predicts.
     """
     undetermined: dict[int, tuple[Invisible, Reason]] = {}
     while numbers := [number for number in range(len(recommended)) if number not in undetermined]:
+        choices = [recommended[number] for number in numbers]
+        held_out = validation if can_confirm(choices, validation) else ()
         try:
-            grown = extend_at_once(identification, [recommended[number] for number in numbers], recordings, progress)
+            grown = extend_at_once(identification, choices, recordings, held_out, progress)
         except DynidentError:
-            grown, failed = _extend_one_by_one(identification, recommended, numbers, recordings, progress)
+            grown, failed = _extend_one_by_one(identification, recommended, numbers, recordings, held_out, progress)
             undetermined.update(failed)
             numbers = [number for number in numbers if number not in failed]
-        idle = [number for number in numbers if is_only_helpful_at_first(grown, recommended[number])]
-        if not idle:
+        gone = {
+            number: (_AT_FIRST, Reason.build("no_help_once_added"))
+            for number in numbers
+            if is_only_helpful_at_first(grown, recommended[number])
+        }
+        unconfirmed = list_unconfirmed(grown, [recommended[number] for number in numbers])
+        gone |= {numbers[k]: (_UNCONFIRMED, reason) for k, reason in unconfirmed.items() if numbers[k] not in gone}
+        if not gone:
             return grown, undetermined
-        for number in idle:
+        for number, (why, reason) in gone.items():
             choice = recommended[number]
-            invisible = Invisible(choice.effect, choice.joints, _AT_FIRST)
-            undetermined[number] = invisible, Reason.build("no_help_once_added")
+            undetermined[number] = Invisible(choice.effect, choice.joints, why), reason
     return identification, undetermined
+
+
+def can_confirm(choices: Sequence[EffectChoice], validation: Sequence[Recording]) -> bool:
+    """Return whether held-out recordings can say whether effects are there.
+
+    Those that some runs alone have, held-out ones may have as well; poses show no motion, commands no torque; and
+    nobody knows how warm joints were.
+    """
+    if any(has_poses(recording) or recording.torque_from_commands for recording in validation):
+        return False
+    is_warm = all(recording.has_temperature for recording in validation)
+    return all(not choice.runs and (is_warm or not get_effect(choice.effect).needs_temperature) for choice in choices)
 
 
 def _extend_one_by_one(
@@ -205,6 +238,7 @@ def _extend_one_by_one(
     recommended: Sequence[EffectChoice],
     numbers: Sequence[int],
     recordings: Sequence[Recording],
+    validation: Sequence[Recording],
     progress: Progress,
 ) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
     """Extend the model by one effect after another where one of them cannot be added, first-order effects last."""
@@ -214,7 +248,7 @@ def _extend_one_by_one(
         choice = recommended[number]
         own_progress = scale_progress(progress, k / len(ordered), (k + 1) / len(ordered))
         try:
-            grown = extend_at_once(grown, [choice], recordings, own_progress)
+            grown = extend_at_once(grown, [choice], recordings, validation, own_progress)
         except DynidentError as error:
             invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
             failed[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
@@ -238,3 +272,83 @@ def is_only_helpful_at_first(grown: Identification, choice: EffectChoice) -> boo
         for rows in (grown.data.training, grown.data.training.select_columns(others))
     )
     return not (now**2 <= (1.0 - RULES.least_drop) * without**2).any()
+
+
+def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> dict[int, Reason]:
+    """List effects, by number, that held-out recordings do not confirm in the model that has all of them.
+
+    An effect predicts a part of the torque there. If all of it is right, the squared error falls by the square of that
+    part; if it only resembles something else in the motion of the fit, by less, or it grows. The least confirmed one
+    goes first, since others may be confirmed without it.
+
+    Parameters
+    ----------
+    grown : Identification
+        The model with all of these effects.
+    choices : sequence of EffectChoice
+        Effects that it has.
+    """
+    held_out = grown.data.held_out
+    gone: dict[int, Reason] = {}
+    if held_out is None:
+        return gone
+    # As it will be used: a few rows at reversals, where play and filters show, must not decide what moving rows judge.
+    if grown.choices.plan.from_reduced:
+        grown = reidentify(grown, replace(grown.choices, weigh_turns=True))
+    training, all_columns = grown.data.training, grown.model.kept
+    own = [{column.key for column in build_columns([choice], grown.model.signals)} for choice in choices]
+    while len(gone) < len(choices):
+        others = [number for number in range(len(choices)) if number not in gone]
+        dropped = {key for number in gone for key in own[number]}
+        columns = [k for k, column in enumerate(all_columns) if column.key not in dropped]
+        parameters = _solve_with(training, columns)
+        shares = {
+            number: _compute_confirmed_share(
+                grown, held_out, parameters, [k for k in columns if all_columns[k].key in own[number]], columns
+            )
+            for number in others
+        }
+        worst = min(shares, key=lambda number: shares[number])
+        if shares[worst] >= RULES.confirmed:
+            break
+        gone[worst] = Reason.build("not_confirmed", share=shares[worst], least=RULES.confirmed)
+    return gone
+
+
+def _solve_with(training: Reduction, columns: Sequence[int]) -> FloatArray:
+    """Return the parameters (c,) of the data's columns that least squares gives to some of them; the others are 0."""
+    parameters = np.zeros(training.n_columns)
+    parameters[list(columns)] = solve_weighted(training.select_columns(columns)).values
+    return parameters
+
+
+def _compute_confirmed_share(
+    grown: Identification, data: Reduction, values: FloatArray, own: Sequence[int], columns: Sequence[int]
+) -> float:
+    """Return the squared error that some columns remove from held-out rows, as a share of the torque they predict.
+
+    On the joints that they act on, whatever other parameters make of the others; of the kind of rows that speaks most
+    for them, of those on which they claim to act. Infinite where they predict nothing, and where they lower the error
+    of all joints noticeably: then the parameters of other joints are better with them.
+    """
+    without = _solve_with(grown.data.training, [k for k in columns if k not in own])
+    observation, noise = grown.model.observation, np.where(grown.noise > 0, grown.noise, 1.0)[:, None]
+    acting = [bool(set(own) & set(equation.columns.tolist())) for equation in data.equations]
+    kinds: list[FittedPhase] = ["moving"]
+    if remembers_path(observation, grown.model.signals)[list(own)].any():
+        kinds.append("reversing")
+    if shows_at_starts(observation)[list(own)].any():
+        kinds.append("starting")
+    shares = []
+    for kind in kinds:
+        after, before, midway = (
+            (compute_phase_squares(data, each, kind) / noise**2).sum(axis=1)
+            for each in (values, without, 0.5 * (values + without))
+        )
+        if after.sum() <= (1.0 - RULES.least_drop) * before.sum():
+            return math.inf
+        # Of three points on a line of parameters, the squared errors give the square of what they predict differently.
+        predicted = float((2.0 * (before + after) - 4.0 * midway)[acting].sum())
+        if predicted > _NOTHING_PREDICTED * float(before[acting].sum()):
+            shares.append(float((before - after)[acting].sum()) / predicted)
+    return max(shares, default=math.inf)

@@ -222,6 +222,7 @@ def extend_at_once(
     identification: Identification,
     added: Sequence[EffectChoice],
     recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
     progress: Progress = ignore_progress,
 ) -> Identification:
     """Add several effects, whose shape constants are known, as one step of the ladder.
@@ -234,6 +235,8 @@ def extend_at_once(
         Effects with values for all shape constants.
     recordings : sequence of Recording
         Those that the model was identified from.
+    validation : sequence of Recording
+        Held-out recordings, if any.
     progress : Progress
         Called with the fraction done and a message.
 
@@ -247,7 +250,7 @@ def extend_at_once(
     DynidentError
         Where they add nothing, or not all of it is determined.
     """
-    grown = _identify_with_effects(identification, tuple(added), recordings, (), progress)
+    grown = _identify_with_effects(identification, tuple(added), recordings, validation, progress)
     if grown is None:
         raise DynidentError("the columns of these effects are combinations of those in the model", pointer="/effects")
     return grown

@@ -434,6 +434,10 @@ class TreeFit:
         # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
         if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
             return False
+        # A torque of the wrong sign turns dry friction round, too. Where only what grows with the speed drives, the
+        # torque is logged early, or at one point of each step of a servo's command.
+        if values[:, sign].mean() > _DRIVES * np.sqrt((BLOCKS - 1) * values[:, sign].var()):
+            return False
         # Friction that is small beside the residual may have any sign.
         size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
         return bool(np.median(size) > 0.25 * rest)
