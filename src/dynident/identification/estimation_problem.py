@@ -12,11 +12,12 @@ from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.standard_parameters import StandardParameters
+from dynident.parallel import Deferring
 from dynident.regressors.model_structure import Model
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Deferring):
     """The result of an estimator or a strategy.
 
     Parameters
@@ -24,7 +25,7 @@ class Fit:
     solution : Solution
         Estimated base parameters.
     statistics : Statistics
-        Their covariance.
+        Their covariance; mostly `deferred`, since it takes as long as the estimates.
     warnings : tuple of str
         How they came about, as far as the user has to know.
     standard : StandardParameters or None

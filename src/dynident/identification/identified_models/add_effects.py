@@ -27,7 +27,7 @@ from dynident.identification.identified_models.identify_from_recordings import a
 from dynident.identification.identified_models.remove_and_solve_again import solve_submodel
 from dynident.identification.shape_refinement import list_shape_variables
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
-from dynident.parallel import single_threaded
+from dynident.parallel import deferred, single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.model_structure import Model, extend_model
@@ -215,7 +215,7 @@ def extend(
     if not idle:
         return grown
     left_out = f"{', '.join(idle)} added nothing to the other effects and was left out."
-    return replace(grown, warnings=(*grown.warnings, left_out))
+    return grown.with_changes(warnings=deferred(lambda: (*grown.warnings, left_out)))
 
 
 def extend_at_once(
@@ -276,7 +276,7 @@ def _extend_at_rest(
         )
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     grown = identify_poses(identification.model.robot, recordings, validation, choices)
-    return replace(grown, step=LadderStep(identification, added=new))
+    return grown.with_changes(step=LadderStep(identification, added=new))
 
 
 def _list_for_one_pass(
@@ -360,8 +360,7 @@ def _add_together(
     for (choice, model), chosen in zip(steps, choices, strict=True):
         leading = np.eye(largest.n_parameters, model.n_parameters)
         larger = grown if model is largest else solve_submodel(grown, model, chosen, leading)
-        larger = replace(larger, step=LadderStep(below, added=(choice,)))
-        below = replace(larger, warnings=list_addition_warnings(larger) + larger.warnings)
+        below = _add_step(larger, LadderStep(below, added=(choice,)))
     return below, idle, count
 
 
@@ -394,8 +393,12 @@ def _add_effect(
         return grown
     more = tuple(finding.run for finding in findings)
     carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
-    grown = _identify_with_effects(identification, carried, recordings, validation, scale_progress(progress, 0.75, 1.0))
-    return grown and replace(grown, warnings=(describe_runs_with_effects(new, findings), *grown.warnings))
+    last_progress = scale_progress(progress, 0.75, 1.0)
+    carried_by = _identify_with_effects(identification, carried, recordings, validation, last_progress)
+    if carried_by is None:
+        return None
+    sentence = describe_runs_with_effects(new, findings)
+    return carried_by.with_changes(warnings=deferred(lambda: (sentence, *carried_by.warnings)))
 
 
 def _identify_with_effects(
@@ -431,5 +434,10 @@ def _identify_with_effects(
         )
         # The second pass predicts loads with the parameters of the first.
         reference = grown.estimate.next_reference()
-    grown = replace(grown, step=LadderStep(identification, added=new))
-    return replace(grown, warnings=list_addition_warnings(grown) + grown.warnings)
+    return _add_step(grown, LadderStep(identification, added=new))
+
+
+def _add_step(identified: Identification, step: LadderStep) -> Identification:
+    """Return a larger model as a step of a ladder, with what is said of the step."""
+    larger = identified.with_changes(step=step)
+    return larger.with_changes(warnings=deferred(lambda: list_addition_warnings(larger) + larger.warnings))

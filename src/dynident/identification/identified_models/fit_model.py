@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from dynident.effects import DEFAULT_EFFECTS, LINKS, OFFSETS, ReferenceParameter
 from dynident.estimation import (
     LinearisedSolution,
     Reduction,
+    Statistics,
     compute_errors,
     compute_noise_levels,
     find_outlying_spans,
@@ -38,7 +40,8 @@ from dynident.identification.thresholds import (
     OVERFIT,
 )
 from dynident.number_format import format_percent
-from dynident.progress import Progress, scale_progress
+from dynident.parallel import deferred
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.regressors.model_structure import Model
@@ -370,14 +373,11 @@ def finalise_identification(
         check_torque(model, data.torque)
     # The problem has given the rows at reversals their weights: from here on only these weighted rows count.
     data = problem.data
-    reduced = replace(reduced, equations=data.equations, training=data.torque)
+    reduced = reduced.with_changes(equations=data.equations, training=data.torque)
     fitted = solve_by_strategy(choices, problem)
     values = fitted.solution.values
-    # Columns of the shape constants are derivatives of the torque, so they need the parameters that were just found.
-    with_shapes = None if shaped is None else shaped(values)
-    if with_shapes is not None:
-        with_shapes = with_shapes.weight_groups(data.reversal_weights)
-    looked = None if with_shapes is None else _linearise_shapes(problem, fitted, with_shapes)
+    shapes = _ShapeUncertainty(problem, fitted, shaped)
+    reduced = reduced.with_changes(shaped=deferred(lambda: shapes.reduction))
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
         smallest = float("nan")
@@ -385,36 +385,61 @@ def finalise_identification(
         smallest = compute_smallest_inertia_eigenvalue(model, values)
     else:
         smallest = compute_smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
-    # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
-    certain = not choices.is_least_squares_of_torque
     estimate = Estimate.from_solution(
         model,
         reduced,
         data.reference,
         fitted.solution,
-        fitted.statistics if certain or looked is None else looked.parameter_statistics,
+        # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
+        deferred(lambda: shapes.statistics if choices.is_least_squares_of_torque else fitted.statistics),
         standard=fitted.standard,
-        shape_constants=judge_shape_constants(model, looked),
+        shape_constants=deferred(lambda: judge_shape_constants(model, shapes.linearisation)),
     )
     result = Identification(
         estimate=estimate,
         choices=choices,
-        data=replace(reduced, shaped=with_shapes),
+        data=reduced,
         fit=compute_errors(data.torque, values),
         held_out=None if reduced.held_out is None else compute_errors(reduced.held_out, values),
         worst_inertia_eigenvalue=smallest,
         warnings=(),
     )
-    return replace(result, warnings=fitted.warnings + list_warnings(result))
+    return result.with_changes(warnings=deferred(lambda: fitted.warnings + list_warnings(result)))
 
 
-def _linearise_shapes(problem: Problem, fitted: Fit, with_shapes: Reduction) -> LinearisedSolution | None:
-    """Linearise the joints' torques about the shape constants, whatever rows the parameters were solved from."""
-    data, solution = problem.data, fitted.solution
-    # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
-    if data.equations is not data.torque:
-        solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
-    return linearise_shapes(problem.model, solution, problem.covariance, with_shapes)
+@dataclass(frozen=True, eq=False)
+class _ShapeUncertainty:
+    """What the joints' torques say of the shape constants of a fit.
+
+    `reduce` gives the torques in the model's columns and those of the constants, for parameters (b,).
+    """
+
+    problem: Problem
+    fitted: Fit
+    reduce: Callable[[FloatArray], Reduction | None] | None
+
+    @cached_property
+    def reduction(self) -> Reduction | None:
+        """The torques with the columns of the constants."""
+        # These columns are derivatives of the torque, so they need the parameters of the fit.
+        reduction = None if self.reduce is None else self.reduce(self.fitted.solution.values)
+        return None if reduction is None else reduction.weight_groups(self.problem.data.reversal_weights)
+
+    @cached_property
+    def linearisation(self) -> LinearisedSolution | None:
+        """The torques linearised about the constants, whatever rows the parameters were solved from."""
+        if self.reduction is None:
+            return None
+        data, solution = self.problem.data, self.fitted.solution
+        # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
+        if data.equations is not data.torque:
+            solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
+        return linearise_shapes(self.problem.model, solution, self.problem.covariance, self.reduction)
+
+    @property
+    def statistics(self) -> Statistics:
+        """Those of the parameters, with the constants uncertain where there are any."""
+        return self.fitted.statistics if self.linearisation is None else self.linearisation.parameter_statistics
 
 
 def identify_model(
@@ -472,7 +497,8 @@ def identify_model(
             model, replace(inputs, recordings=validation), scale_progress(progress, share, 0.9), known.held_out
         )
     progress(0.9, "solving")
-    solve_progress = scale_progress(progress, 0.9, 1.0)
+    # Rows that are not in memory are read again while the recordings are at hand, all others when they are asked for.
+    later = scale_progress(progress, 0.9, 1.0) if training.rows is None else ignore_progress
 
     def reduce_shapes(values: FloatArray) -> Reduction | None:
         places = list_shape_variables(model.effects)
@@ -480,7 +506,7 @@ def identify_model(
             return None
         columns = build_shape_columns(model, values, places)
         # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
-        return reduce_with_columns(model, columns, training.inputs, solve_progress, training.rows)
+        return reduce_with_columns(model, columns, training.inputs, later, training.rows)
 
     data = ReducedData(
         training.equations,
@@ -495,4 +521,7 @@ def identify_model(
         from_commands=any(recording.torque_from_commands for recording in (*recordings, *validation)),
     )
     identified = finalise_identification(model, choices, training, data, shaped=reduce_shapes)
-    return replace(identified, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))
+    if training.rows is None:
+        _ = identified.data.shaped
+    held_out_rows = None if held_out is None else held_out.rows
+    return identified.with_changes(in_memory=RowsInMemory(training.rows, held_out_rows))

@@ -40,7 +40,7 @@ from dynident.identification.identified_models.gravity_from_poses import are_pos
 from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
-from dynident.parallel import single_threaded
+from dynident.parallel import deferred, single_threaded
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
@@ -72,13 +72,11 @@ def add_digests(
     hashes = [SampleHashes.from_recording(recording) for recording in recordings]
     digests = tuple(own.digest for own in hashes)
     copied = find_copied_recordings(hashes, validation)
-    warnings = identification.warnings
-    if copied:
-        sentence = (
-            f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
-        )
-        warnings = (sentence, *warnings)
-    return replace(identification, data=replace(identification.data, digests=digests, copied=copied), warnings=warnings)
+    known = identification.with_changes(data=identification.data.with_changes(digests=digests, copied=copied))
+    if not copied:
+        return known
+    sentence = f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
+    return known.with_changes(warnings=deferred(lambda: (sentence, *identification.warnings)))
 
 
 def check_same_recordings(identification: Identification, recordings: Sequence[Recording]) -> None:
@@ -413,13 +411,17 @@ def complete_identification(
     narrow = None if requested.preprocessing else find_narrower_band(identified, ordinary)
     if narrow is not None:
         band, why = narrow
-        identified = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
-        return replace(identified, warnings=(why, *identified.warnings))
+        narrowed = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
+        return narrowed.with_changes(warnings=deferred(lambda: (why, *narrowed.warnings)))
+    warnings = deferred(lambda: _warn_of_slow_motion(identified) + identified.warnings)
+    return add_digests(identified.with_changes(warnings=warnings), recordings, validation)
+
+
+def _warn_of_slow_motion(identified: Identification) -> tuple[str, ...]:
     slow = describe_slow_motion(identified.parameters)
-    if slow is not None:
-        advice = "Use the model at such speeds only, and record a faster motion for the dynamics."
-        identified = replace(identified, warnings=(f"{slow} {advice}", *identified.warnings))
-    return add_digests(identified, recordings, validation)
+    if slow is None:
+        return ()
+    return (f"{slow} Use the model at such speeds only, and record a faster motion for the dynamics.",)
 
 
 LEAST_DETERMINED = 0.1
