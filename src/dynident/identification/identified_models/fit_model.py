@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,16 +11,13 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS, LINKS, OFFSETS, ReferenceParameters, get_role
 from dynident.estimation import (
-    LinearisedSolution,
     Reduction,
-    Statistics,
     compute_errors,
-    compute_noise_levels,
     find_outlying_spans,
 )
 from dynident.identification.equations.model_and_data_checks import check_reduction, check_torque
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
-from dynident.identification.estimation_problem import Fit, Problem
+from dynident.identification.estimation_problem import Problem, ShapeUncertainty
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.identification_result import (
     NONE_IN_MEMORY,
@@ -29,8 +25,8 @@ from dynident.identification.identified_models.identification_result import (
     Identification,
     RowsInMemory,
 )
-from dynident.identification.shape_constant_intervals import judge_shape_constants, linearise_shapes
-from dynident.identification.shape_refinement import build_shape_columns, list_shape_variables
+from dynident.identification.shape_constant_intervals import judge_shape_constants
+from dynident.identification.shape_refinement import reduce_with_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, find_bodies
 from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
 from dynident.identification.thresholds import (
@@ -46,7 +42,6 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
-from dynident.regressors.row_cache import reduce_with_columns
 
 if TYPE_CHECKING:
     from dynident.identification.identified_models.identification_result import Estimate, Identification
@@ -376,7 +371,7 @@ def finalise_identification(
     reduced = reduced.with_changes(equations=data.equations, training=data.torque)
     fitted = solve_by_strategy(choices, problem)
     values = fitted.solution.values
-    shapes = _ShapeUncertainty(problem, fitted, shaped)
+    shapes = ShapeUncertainty(problem, fitted, shaped)
     reduced = reduced.with_changes(shaped=deferred(lambda: shapes.reduction))
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
@@ -405,41 +400,6 @@ def finalise_identification(
         warnings=(),
     )
     return result.with_changes(warnings=deferred(lambda: fitted.warnings + list_warnings(result)))
-
-
-@dataclass(frozen=True, eq=False)
-class _ShapeUncertainty:
-    """What the joints' torques say of the shape constants of a fit.
-
-    `reduce` gives the torques in the model's columns and those of the constants, for parameters (b,).
-    """
-
-    problem: Problem
-    fitted: Fit
-    reduce: Callable[[FloatArray], Reduction | None] | None
-
-    @cached_property
-    def reduction(self) -> Reduction | None:
-        """The torques with the columns of the constants."""
-        # These columns are derivatives of the torque, so they need the parameters of the fit.
-        reduction = None if self.reduce is None else self.reduce(self.fitted.solution.values)
-        return None if reduction is None else reduction.weight_groups(self.problem.data.reversal_weights)
-
-    @cached_property
-    def linearisation(self) -> LinearisedSolution | None:
-        """The torques linearised about the constants, whatever rows the parameters were solved from."""
-        if self.reduction is None:
-            return None
-        data, solution = self.problem.data, self.fitted.solution
-        # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
-        if data.equations is not data.torque:
-            solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
-        return linearise_shapes(self.problem.model, solution, self.problem.covariance, self.reduction)
-
-    @property
-    def statistics(self) -> Statistics:
-        """Those of the parameters, with the constants uncertain where there are any."""
-        return self.fitted.statistics if self.linearisation is None else self.linearisation.parameter_statistics
 
 
 def identify_model(
@@ -501,12 +461,8 @@ def identify_model(
     later = scale_progress(progress, 0.9, 1.0) if training.rows is None else ignore_progress
 
     def reduce_shapes(values: FloatArray) -> Reduction | None:
-        places = list_shape_variables(model.effects)
-        if not places:
-            return None
-        columns = build_shape_columns(model, values, places)
         # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
-        return reduce_with_columns(model, columns, training.inputs, later, training.rows)
+        return reduce_with_shapes(model, values, training.inputs, training.rows, later)
 
     data = ReducedData(
         training.equations,

@@ -272,25 +272,25 @@ NONE_IN_MEMORY = RowsInMemory()
 
 
 @dataclass(frozen=True, eq=False)
-class LadderStep:
+class LadderStep(Deferring):
     """How a model was made from the one below it on the ladder.
 
     Parameters
     ----------
     parent : Identification or None
-        The model below; None for the first one, to which nothing was done.
+        The model below, which may be `deferred`; None for the first one, to which nothing was done.
     added : tuple of EffectChoice
         Effects that were added to the model below.
     removed : tuple of EffectChoice
         Effects that were taken out of it.
     """
 
-    parent: Identification | None = None
+    parent: Identification | None
     added: tuple[EffectChoice, ...] = ()
     removed: tuple[EffectChoice, ...] = ()
 
 
-FIRST = LadderStep()
+FIRST = LadderStep(None)
 """Of a model that was identified from recordings."""
 
 

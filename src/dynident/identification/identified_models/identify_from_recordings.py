@@ -22,7 +22,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, estimate_group_weights, solve_weighted
+from dynident.estimation import EstimationError, Reduction, estimate_group_weights, solve_weighted
 from dynident.estimation.residual_errors import compute_fitted_errors
 from dynident.identification.description_prior import build_prior, check_known
 from dynident.identification.equations.filtered_energy_power_wrench import find_constants
@@ -47,7 +47,7 @@ from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.sample_hashes import SampleHashes, find_copied_recordings
 from dynident.recordings.signal_spectra import estimate_spectra
 from dynident.regressors.dynamic_model_rows import reduce_recordings
-from dynident.regressors.model_structure import get_model
+from dynident.regressors.model_structure import Model, get_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.robot_model import Robot
 
@@ -286,17 +286,42 @@ def prepare_effects(
         scale_progress(progress, 0.0, 0.5),
         by_phase=True,
     )
-    prior = build_prior(first, choices.trust)
-    check_reduction(first, reduction, prior)
-    if choices.weighs_turns:
-        reduction = reduction.weight_groups(estimate_group_weights(reduction, prior))
-    reference = first.build_reference(solve_weighted(reduction, prior).values)
+    reference = solve_for_reference(first, choices, reduction)
     # Their constants are searched beside the first model, with loads that it predicts.
     others = tuple(choice for choice in effects if choice not in plain)
     completed = complete_shapes(
         first, others, RegressorInputs(recordings, preprocessing, reference), scale_progress(progress, 0.5, 1.0)
     )
     return plain + completed, reference
+
+
+def solve_for_reference(model: Model, choices: IdentificationChoices, reduction: Reduction) -> ReferenceParameters:
+    """Solve for what loads are predicted with, by least squares of a model without the effects that need loads.
+
+    Parameters
+    ----------
+    model : Model
+        The model without these effects.
+    choices : IdentificationChoices
+        Options of the identification.
+    reduction : Reduction
+        The joints' torques in the model's columns.
+
+    Returns
+    -------
+    ReferenceParameters
+        The parameters, as those of robot and motors.
+
+    Raises
+    ------
+    DynidentError
+        Where the data do not determine them.
+    """
+    prior = build_prior(model, choices.trust)
+    check_reduction(model, reduction, prior)
+    if choices.weighs_turns:
+        reduction = reduction.weight_groups(estimate_group_weights(reduction, prior))
+    return model.build_reference(solve_weighted(reduction, prior).values)
 
 
 def mark_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Robot:

@@ -5,7 +5,7 @@ Effects are removed by algebra on the reduced data.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -318,7 +318,11 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
 
 
 def solve_submodel(
-    identification: Identification, model: Model, choices: IdentificationChoices, weights: FloatArray
+    identification: Identification,
+    model: Model,
+    choices: IdentificationChoices,
+    weights: FloatArray,
+    shaped: Callable[[FloatArray], Reduction | None] | None = None,
 ) -> Identification:
     """Solve for a smaller model from the reduced data of a larger one.
 
@@ -332,6 +336,9 @@ def solve_submodel(
         Those of the smaller one.
     weights : (b, b')
         The smaller model's columns are the larger one's times these.
+    shaped : function, optional
+        Takes parameters (b',), and returns the torques in the smaller model's columns, followed by those of its shape
+        constants; by default these are the larger model's.
 
     Returns
     -------
@@ -341,9 +348,8 @@ def solve_submodel(
     data = identification.data.combine_columns(weights)
     to_solve = data.to_data(identification.estimate.reference)
     relation = SubmodelRelation(identification.model, weights)
-    return finalise_identification(
-        model, choices, to_solve, data, relation, lambda _: combine_shapes(identification, choices.effects, weights)
-    )
+    as_before = lambda _: combine_shapes(identification, choices.effects, weights)  # noqa: E731
+    return finalise_identification(model, choices, to_solve, data, relation, shaped or as_before)
 
 
 def subtract_effects(
