@@ -17,7 +17,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import fields
-from functools import cached_property, lru_cache, wraps
+from functools import lru_cache, wraps
 from operator import mul
 from queue import Empty, Full, Queue
 from threading import Event, Lock, Thread, local
@@ -279,14 +279,16 @@ class _Deferred(Generic[_Result]):
 
     def __init__(self, compute: Callable[[], _Result]) -> None:
         self._compute: Callable[[], _Result] | None = compute
+        self._lock = Lock()
 
-    @cached_property
+    @property
     def value(self) -> _Result:
-        assert self._compute is not None
-        computed = single_threaded(self._compute)()
-        # What the function holds may be large, and is not needed any more.
-        self._compute = None
-        return computed
+        with self._lock:
+            if self._compute is not None:
+                self._value = single_threaded(self._compute)()
+                # What the function holds may be large, and is not needed any more.
+                self._compute = None
+        return self._value
 
 
 def deferred(compute: Callable[[], _Result]) -> _Result:
