@@ -1,4 +1,4 @@
-"""Map a function over large items on threads; run BLAS on one thread (`single_threaded`), or later (`deferred`).
+"""Map a function over large items on threads; run BLAS on one thread (`single_threaded`), or later (`defer`).
 
 Holds from which size on several threads are used.
 
@@ -291,7 +291,7 @@ class _Deferred(Generic[_Result]):
         return self._value
 
 
-def deferred(compute: Callable[[], _Result]) -> _Result:
+def defer(compute: Callable[[], _Result]) -> _Result:
     """Return the value of a field of a `Deferring` dataclass that is computed when it is first asked for.
 
     Parameters
@@ -303,7 +303,7 @@ def deferred(compute: Callable[[], _Result]) -> _Result:
 
 
 class Deferring:
-    """A frozen dataclass of which some fields may be `deferred`: often nobody asks for what takes longest.
+    """A frozen dataclass of which some fields may be deferred: often nobody asks for what takes longest.
 
     Such a field has no default but a factory: the class would have the default as an attribute.
     """
@@ -325,7 +325,8 @@ class Deferring:
             self.__dict__[name] = waiting.value
             return waiting.value
 
-    def with_changes(self, **changes: Any) -> Self:
+    def with_changes(self, **changes: object) -> Self:
         """Return a copy with other values of some fields, as `dataclasses.replace`, which would compute the others."""
         known = self.__dict__["_waiting"] | self.__dict__
-        return type(self)(**{field.name: known[field.name] for field in fields(cast("Any", self))} | changes)
+        values: dict[str, Any] = {field.name: known[field.name] for field in fields(cast("Any", self))} | changes
+        return type(self)(**values)

@@ -18,7 +18,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.errors import Cancelled
 from dynident.estimation import Reduction
-from dynident.parallel import Deferring, deferred, map_in_threads, prefetch
+from dynident.parallel import Deferring, defer, map_in_threads, prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.dynamic_model_rows import SampleFunction, reduce_recordings
@@ -218,7 +218,7 @@ def test_a_deferred_field_is_computed_once_for_all_copies_and_threads() -> None:
         time.sleep(0.02)
         return 7
 
-    answer = Answer(1, deferred(compute))
+    answer = Answer(1, defer(compute))
     copies = [answer, answer.with_changes(quick=2), answer.with_changes(quick=3)]
     assert answer.with_changes(slow=5).slow == 5
     assert not calls
@@ -229,7 +229,7 @@ def test_a_deferred_field_is_computed_once_for_all_copies_and_threads() -> None:
 
 
 def test_a_deferred_field_that_cannot_be_computed_says_so_every_time() -> None:
-    answer = Answer(1, deferred(lambda: 1 // 0))
+    answer = Answer(1, defer(lambda: 1 // 0))
     for _ in range(2):
         with pytest.raises(ZeroDivisionError):
             _ = answer.slow

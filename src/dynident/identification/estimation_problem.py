@@ -38,7 +38,7 @@ class Fit(Deferring):
     solution : Solution
         Estimated base parameters.
     statistics : Statistics
-        Their covariance; mostly `deferred`, since it takes as long as the estimates.
+        Their covariance; mostly deferred, since it takes as long as the estimates.
     warnings : tuple of str
         How they came about, as far as the user has to know.
     standard : StandardParameters or None

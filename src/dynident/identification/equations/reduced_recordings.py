@@ -208,7 +208,7 @@ class ReducedData(Deferring):
         The joints' torques in the held-out recordings.
     shaped : Reduction or None
         The torques of `training` in the model's columns and, behind them, those of the shape constants
-        (`shapes.shape_columns`). None where no effect has constants or these cannot be looked at; may be `deferred`.
+        (`shapes.shape_columns`). None where no effect has constants or these cannot be looked at; may be deferred.
     preprocessing : Preprocessing
         How the recordings were filtered.
     measurement_names : tuple of str

@@ -33,7 +33,7 @@ from dynident.identification.estimators.feasible_problem import (
 )
 from dynident.identification.standard_parameters import StandardParameters, find_bodies
 from dynident.number_format import format_percent
-from dynident.parallel import deferred
+from dynident.parallel import defer
 from dynident.regressors.model_structure import Model
 
 _ROUNDS = 20
@@ -99,7 +99,7 @@ def solve_feasible(request: Problem) -> Fit:
     solution = Solution(values, noise, factor, problem.known, problem.find_free_directions(constrained), converged)
     return Fit(
         solution,
-        deferred(lambda: statistics(data.equations, solution, request.covariance)),
+        defer(lambda: statistics(data.equations, solution, request.covariance)),
         _list_warnings(model, problem, constrained, data.equations, unconstrained),
         problem.to_standard_parameters(constrained),
     )

@@ -30,7 +30,7 @@ from dynident.identification.identified_models.identify_from_recordings import (
 from dynident.identification.identified_models.remove_and_solve_again import solve_submodel
 from dynident.identification.shape_refinement import reduce_with_shapes
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
-from dynident.parallel import deferred, single_threaded
+from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.model_structure import Model, extend_model
@@ -219,7 +219,7 @@ def extend(
     if not idle:
         return grown
     left_out = f"{', '.join(idle)} added nothing to the other effects and was left out."
-    return grown.with_changes(warnings=deferred(lambda: (*grown.warnings, left_out)))
+    return grown.with_changes(warnings=defer(lambda: (*grown.warnings, left_out)))
 
 
 def extend_at_once(
@@ -369,7 +369,7 @@ def _add_together(
             # Shape constants are linearised about the step's own parameters.
             shaped = partial(reduce_with_shapes, model, inputs=inputs, known=identification.in_memory.training)
             larger = solve_submodel(grown, model, choices[number], leading, shaped)
-        below = deferred(partial(solve_step, number - 1)) if number else identification
+        below = defer(partial(solve_step, number - 1)) if number else identification
         step = _add_step(larger, LadderStep(below, added=(choice,)))
         if grown.in_memory.training is None:
             # Recordings that are not in memory are read while they are at hand.
@@ -430,7 +430,7 @@ def _add_effect(
     if carried_by is None:
         return None
     sentence = describe_runs_with_effects(new, findings)
-    return carried_by.with_changes(warnings=deferred(lambda: (sentence, *carried_by.warnings)))
+    return carried_by.with_changes(warnings=defer(lambda: (sentence, *carried_by.warnings)))
 
 
 def _identify_with_effects(
@@ -472,4 +472,4 @@ def _identify_with_effects(
 def _add_step(identified: Identification, step: LadderStep) -> Identification:
     """Return a larger model as a step of a ladder, with what is said of the step."""
     larger = identified.with_changes(step=step)
-    return larger.with_changes(warnings=deferred(lambda: list_addition_warnings(larger) + larger.warnings))
+    return larger.with_changes(warnings=defer(lambda: list_addition_warnings(larger) + larger.warnings))

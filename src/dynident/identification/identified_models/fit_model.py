@@ -36,7 +36,7 @@ from dynident.identification.thresholds import (
     OVERFIT,
 )
 from dynident.number_format import format_percent
-from dynident.parallel import deferred
+from dynident.parallel import defer
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
@@ -372,7 +372,7 @@ def finalise_identification(
     fitted = solve_by_strategy(choices, problem)
     values = fitted.solution.values
     shapes = ShapeUncertainty(problem, fitted, shaped)
-    reduced = reduced.with_changes(shaped=deferred(lambda: shapes.reduction))
+    reduced = reduced.with_changes(shaped=defer(lambda: shapes.reduction))
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
         smallest = float("nan")
@@ -386,9 +386,9 @@ def finalise_identification(
         data.reference,
         fitted.solution,
         # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
-        deferred(lambda: shapes.statistics if choices.is_least_squares_of_torque else fitted.statistics),
+        defer(lambda: shapes.statistics if choices.is_least_squares_of_torque else fitted.statistics),
         standard=fitted.standard,
-        shape_constants=deferred(lambda: judge_shape_constants(model, shapes.linearisation)),
+        shape_constants=defer(lambda: judge_shape_constants(model, shapes.linearisation)),
     )
     result = Identification(
         estimate=estimate,
@@ -399,7 +399,7 @@ def finalise_identification(
         worst_inertia_eigenvalue=smallest,
         warnings=(),
     )
-    return result.with_changes(warnings=deferred(lambda: fitted.warnings + list_warnings(result)))
+    return result.with_changes(warnings=defer(lambda: fitted.warnings + list_warnings(result)))
 
 
 def identify_model(

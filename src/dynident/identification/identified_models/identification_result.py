@@ -278,7 +278,7 @@ class LadderStep(Deferring):
     Parameters
     ----------
     parent : Identification or None
-        The model below, which may be `deferred`; None for the first one, to which nothing was done.
+        The model below, which may be deferred; None for the first one, to which nothing was done.
     added : tuple of EffectChoice
         Effects that were added to the model below.
     removed : tuple of EffectChoice

@@ -40,7 +40,7 @@ from dynident.identification.identified_models.gravity_from_poses import are_pos
 from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
-from dynident.parallel import deferred, single_threaded
+from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
@@ -76,7 +76,7 @@ def add_digests(
     if not copied:
         return known
     sentence = f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
-    return known.with_changes(warnings=deferred(lambda: (sentence, *identification.warnings)))
+    return known.with_changes(warnings=defer(lambda: (sentence, *identification.warnings)))
 
 
 def check_same_recordings(identification: Identification, recordings: Sequence[Recording]) -> None:
@@ -437,8 +437,8 @@ def complete_identification(
     if narrow is not None:
         band, why = narrow
         narrowed = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
-        return narrowed.with_changes(warnings=deferred(lambda: (why, *narrowed.warnings)))
-    warnings = deferred(lambda: _warn_of_slow_motion(identified) + identified.warnings)
+        return narrowed.with_changes(warnings=defer(lambda: (why, *narrowed.warnings)))
+    warnings = defer(lambda: _warn_of_slow_motion(identified) + identified.warnings)
     return add_digests(identified.with_changes(warnings=warnings), recordings, validation)
 
 
