@@ -59,7 +59,7 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     if choices.prior is not None:
         fitted = _add_prior_warning(problem.model, problem.data, fitted)
     if choices.known:
-        fitted = replace(fitted, warnings=(*_doubt_known(choices, problem), *fitted.warnings))
+        fitted = fitted.with_changes(warnings=(*_doubt_known(choices, problem), *fitted.warnings))
     friction = problem.data.friction
     if not friction or choices.plan.friction_runs:
         return fitted
