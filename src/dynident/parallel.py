@@ -1,4 +1,4 @@
-"""Map a function over large items on threads; run BLAS on one thread (`single_threaded`).
+"""Map a function over large items on threads; run BLAS on one thread (`single_threaded`), or later (`defer`).
 
 Holds from which size on several threads are used.
 
@@ -16,11 +16,12 @@ import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from dataclasses import fields
 from functools import lru_cache, wraps
 from operator import mul
 from queue import Empty, Full, Queue
 from threading import Event, Lock, Thread, local
-from typing import ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, Self, TypeVar, cast
 
 from threadpoolctl import ThreadpoolController
 
@@ -271,3 +272,61 @@ def _find_libraries(n_modules: int) -> ThreadpoolController:  # noqa: ARG001 - t
         Number of modules that are imported now.
     """
     return ThreadpoolController()
+
+
+class _Deferred(Generic[_Result]):
+    """A value that is computed once, when it is first asked for."""
+
+    def __init__(self, compute: Callable[[], _Result]) -> None:
+        self._compute: Callable[[], _Result] | None = compute
+        self._lock = Lock()
+
+    @property
+    def value(self) -> _Result:
+        with self._lock:
+            if self._compute is not None:
+                self._value = single_threaded(self._compute)()
+                # What the function holds may be large, and is not needed any more.
+                self._compute = None
+        return self._value
+
+
+def defer(compute: Callable[[], _Result]) -> _Result:
+    """Return the value of a field of a `Deferring` dataclass that is computed when it is first asked for.
+
+    Parameters
+    ----------
+    compute : callable
+        Computes the value; BLAS uses one thread meanwhile.
+    """
+    return cast("_Result", _Deferred(compute))
+
+
+class Deferring:
+    """A frozen dataclass of which some fields may be deferred: often nobody asks for what takes longest.
+
+    Such a field has no default but a factory: the class would have the default as an attribute.
+    """
+
+    def __post_init__(self) -> None:
+        """Take the deferred fields out of the instance, so that `__getattr__` hears of them."""
+        waiting = {name: value for name, value in self.__dict__.items() if isinstance(value, _Deferred)}
+        for name in waiting:
+            del self.__dict__[name]
+        self.__dict__["_waiting"] = waiting
+
+    if not TYPE_CHECKING:  # or every attribute would seem to exist
+
+        def __getattr__(self, name: str) -> Any:
+            """Compute a deferred field."""
+            waiting = self.__dict__.get("_waiting", {}).get(name)
+            if waiting is None:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name}")
+            self.__dict__[name] = waiting.value
+            return waiting.value
+
+    def with_changes(self, **changes: object) -> Self:
+        """Return a copy with other values of some fields, as `dataclasses.replace`, which would compute the others."""
+        known = self.__dict__["_waiting"] | self.__dict__
+        values: dict[str, Any] = {field.name: known[field.name] for field in fields(cast("Any", self))} | changes
+        return type(self)(**values)

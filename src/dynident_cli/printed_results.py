@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from dynident.diagnosis.diagnosis_summary import group_patterns
 from dynident.effects import get_effect
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import (
@@ -154,6 +153,7 @@ def show_diagnosis(
     joint.
     """
     from dynident.advice import AdvisedDiagnosis
+    from dynident.diagnosis.diagnosis_summary import group_patterns
 
     console.print(diagnosis.summary, style="bold")
     candidates = build_candidate_table(diagnosis.candidates, robot.joint_names)

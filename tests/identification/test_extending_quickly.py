@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -117,9 +118,42 @@ def test_loads_are_those_of_a_model_with_the_springs_that_are_added_beside_them(
     grown = extend(model, (SPRING, LOAD), runs, held_out)
     deviations = whole.statistics.standard_deviations
     np.testing.assert_allclose(grown.values / deviations, whole.values / deviations, rtol=0, atol=1e-7)
-    # The load was predicted without the springs first, which the second pass makes good.
+    # Whatever the order, loads are predicted by the model with the springs.
     turned = extend(model, (LOAD, SPRING), runs, held_out)
-    assert np.all(turned.held_out.rms < 1.25 * whole.held_out.rms)
+    np.testing.assert_allclose(turned.held_out.rms, whole.held_out.rms, rtol=1e-9)
+    # The models below are those of fewer columns, with the same loads.
+    assert [step.step.added for step in turned.ladder()] == [(), (LOAD,), (SPRING,)]
+    alone = extend(model, (LOAD,), runs, held_out)
+    assert np.all(turned.step.parent.held_out.rms < 1.1 * alone.held_out.rms)
+
+
+def test_deviations_warnings_and_lower_steps_are_computed_when_they_are_asked_for(monkeypatch):
+    computed = []
+
+    def watch(place: str, name: str) -> None:
+        original = getattr(import_module(place), name)
+        monkeypatch.setattr(
+            f"{place}.{name}", lambda *given, **named: computed.append(name) or original(*given, **named)
+        )
+
+    watch("dynident.estimation", "statistics")
+    watch("dynident.identification.identified_models.fit_model", "list_warnings")
+    watch("dynident.identification.identified_models.add_effects", "solve_submodel")
+    added = (STRIBECK, STEPS[0][0])
+    model = extend(identify(ROBOT, RUNS, HELD_OUT, CHOICES), added, RUNS, HELD_OUT)
+    assert model.held_out.relative_total > 0.0
+    assert not computed
+    parent = model.step.parent
+    assert parent.step.added == (STRIBECK,)
+    assert computed == ["solve_submodel"]
+    assert model.step.parent is parent
+    deviations = model.statistics.standard_deviations
+    assert model.with_changes(choices=CHOICES).statistics.standard_deviations is not None
+    assert computed[1:] == ["statistics"] * len(computed[1:])
+    assert deviations.shape == (model.model.n_parameters,)
+    assert "list_warnings" not in computed
+    assert model.warnings is model.warnings
+    assert computed.count("list_warnings") == 1
 
 
 @pytest.mark.parametrize("known", [(), (STRIBECK,)], ids=["added", "in the model"])

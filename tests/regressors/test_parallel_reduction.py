@@ -6,6 +6,8 @@ import gc
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.errors import Cancelled
 from dynident.estimation import Reduction
-from dynident.parallel import map_in_threads, prefetch
+from dynident.parallel import Deferring, defer, map_in_threads, prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.dynamic_model_rows import SampleFunction, reduce_recordings
@@ -200,3 +202,36 @@ def test_rows_that_depend_on_the_recordings_before_are_made_in_turn() -> None:
 
     accumulate_equations(rows_of, [np.arange(2)], 2, runs, in_turn=True)
     assert asked == [(one.name, threading.get_ident()) for one in runs]
+
+
+@dataclass(frozen=True)
+class Answer(Deferring):
+    quick: int
+    slow: int
+
+
+def test_a_deferred_field_is_computed_once_for_all_copies_and_threads() -> None:
+    calls = []
+
+    def compute() -> int:
+        calls.append(1)
+        time.sleep(0.02)
+        return 7
+
+    answer = Answer(1, defer(compute))
+    copies = [answer, answer.with_changes(quick=2), answer.with_changes(quick=3)]
+    assert answer.with_changes(slow=5).slow == 5
+    assert not calls
+    with ThreadPoolExecutor() as pool:
+        assert list(pool.map(lambda copy: copy.slow, copies)) == [7, 7, 7]
+    assert len(calls) == 1
+    assert replace(copies[1], slow=8) == Answer(2, 8)
+
+
+def test_a_deferred_field_that_cannot_be_computed_says_so_every_time() -> None:
+    answer = Answer(1, defer(lambda: 1 // 0))
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            _ = answer.slow
+    with pytest.raises(AttributeError, match="no attribute absent"):
+        _ = answer.absent  # type: ignore[attr-defined]

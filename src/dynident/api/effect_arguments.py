@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 from dynident.api.argument_checks import require
-from dynident.diagnosis import Diagnosis, RankedEffect
 from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.effects.effect_text_format import parse_effects
 from dynident.errors import DynidentError
 from dynident.identification.shape_search import check_choices
 from dynident.robot import Robot
+
+if TYPE_CHECKING:
+    from dynident.diagnosis import Diagnosis, RankedEffect
 
 _TITLE = "Nothing to add"
 
@@ -26,7 +28,7 @@ class HasDiagnosis(Protocol):
         ...
 
 
-Addition = HasDiagnosis | Diagnosis | RankedEffect | EffectChoice | str
+Addition: TypeAlias = "HasDiagnosis | Diagnosis | RankedEffect | EffectChoice | str"
 """What can be added to a model."""
 
 
@@ -105,6 +107,9 @@ def collect_added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[
     DynidentError
         Where nothing would be added, or an effect does not fit the robot.
     """
+    # Imported late: who adds an effect by its name needs no diagnosis.
+    from dynident.diagnosis import Diagnosis, RankedEffect
+
     choices: list[EffectChoice] = []
     reason = ""
     for item in additions:

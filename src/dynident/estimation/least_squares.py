@@ -270,7 +270,9 @@ def solve_ordinary(reduction: Reduction, known: PriorInformation | None = None) 
     return _iterate_weights(reduction, solve(reduction, alike, known), compute_common_noise, known)
 
 
-def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
+def solve_weighted(
+    reduction: Reduction, known: PriorInformation | None = None, near: Solution | None = None
+) -> Solution:
     """Solve by weighted least squares: each equation is divided by the standard deviation of its own residual.
 
     With prior knowledge, each row counts for as much as it is worth as an independent sample.
@@ -281,6 +283,8 @@ def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) 
         The equations as triangular factors, by blocks of time.
     known : PriorInformation, optional
         Prior knowledge of the parameters, in units of its own standard deviation.
+    near : Solution, optional
+        A solution of nearly the same equations to start from, instead of ordinary least squares.
 
     Returns
     -------
@@ -294,8 +298,10 @@ def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) 
     """
     # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
     levels = compute_noise_levels if known is None else compute_correlated_noise
-    first = replace(solve_ordinary(reduction, known), converged=True)
-    if not any(_is_homogeneous(equation) for equation in reduction.equations):
+    homogeneous = any(_is_homogeneous(equation) for equation in reduction.equations)
+    # Terms of homogeneous equations are measured by ordinary least squares alone.
+    first = solve_ordinary(reduction, known) if near is None or homogeneous else near
+    if not homogeneous:
         return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
     sizes = _measure_terms(reduction, first.values)
 
@@ -324,12 +330,12 @@ def _iterate_weights(
     reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: PriorInformation | None
 ) -> Solution:
     """Solve and estimate the noise in turn until the noise settles."""
-    solution = first
+    solution, noise = first, noise_of(first.values)
     # Iteratively reweighted least squares: the noise follows from the residuals, and the residuals from the weights.
     for _ in range(MOST_ROUNDS):
-        noise = noise_of(solution.values)
         solution = solve(reduction, noise, known)
-        if are_weights_settled(reduction, noise, noise_of(solution.values)):
+        before, noise = noise, noise_of(solution.values)
+        if are_weights_settled(reduction, before, noise):
             return solution
     return replace(solution, converged=False)
 

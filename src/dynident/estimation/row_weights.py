@@ -105,13 +105,14 @@ def estimate_group_weights(reduction: Reduction, known: PriorInformation | None 
         return weights
     # Blocks of time do not matter for the weights; one block makes every round cheaper.
     coarse = Reduction(reduction.n_columns, tuple(map(_merge_blocks, reduction.equations)), reduction.spans[:1])
+    solution = None
     # Fixed point: weights give estimates, estimates give residuals of either kind of rows, and these give weights.
     for _ in range(_MOST_ROUNDS):
         try:
-            values = solve_weighted(coarse.weight_groups(weights), known).values
+            solution = solve_weighted(coarse.weight_groups(weights), known, solution)
         except EstimationError:
             return np.ones(len(weights))
-        before, weights = weights, _compute_weights(coarse, values)
+        before, weights = weights, _compute_weights(coarse, solution.values)
         # Weights are variances: twice the relative change of a standard deviation.
         if np.all(np.abs(weights - before) <= 2 * _SETTLED * before):
             break

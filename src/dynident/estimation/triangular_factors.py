@@ -213,15 +213,17 @@ class Reduction:
         """Number of blocks of time."""
         return len(self.spans)
 
-    @property
+    @cached_property
     def n_rows(self) -> int:
         """Number of rows r over all equations."""
         return int(sum(equation.counts.sum() for equation in self.equations))
 
-    @property
+    @cached_property
     def row_counts(self) -> FloatArray:
         """Number of rows of every equation (n,)."""
-        return np.array([float(equation.counts.sum()) for equation in self.equations])
+        counts = np.array([float(equation.counts.sum()) for equation in self.equations])
+        counts.setflags(write=False)
+        return counts
 
     def select_columns(self, columns: Sequence[int] | IndexArray) -> Reduction:
         """Return the same data with only these columns, in this order."""

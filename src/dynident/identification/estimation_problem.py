@@ -1,22 +1,36 @@
-"""What an estimator gets (`Problem`: reduced data, priors, weights) and what it returns (`Fit`)."""
+"""What an estimator gets (`Problem`: reduced data, priors, weights) and what it returns (`Fit`, `ShapeUncertainty`)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from dynident.estimation import CovarianceName, PriorInformation, Solution, Statistics, estimate_group_weights
+from dynident.array_types import FloatArray
+from dynident.estimation import (
+    CovarianceName,
+    LinearisedSolution,
+    PriorInformation,
+    Reduction,
+    Solution,
+    Statistics,
+    compute_noise_levels,
+    estimate_group_weights,
+)
 from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem_options import DescriptionTrust
+from dynident.identification.shape_constant_intervals import linearise_shapes
 from dynident.identification.standard_parameters import StandardParameters
+from dynident.parallel import Deferring
 from dynident.regressors.model_structure import Model
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Deferring):
     """The result of an estimator or a strategy.
 
     Parameters
@@ -24,7 +38,7 @@ class Fit:
     solution : Solution
         Estimated base parameters.
     statistics : Statistics
-        Their covariance.
+        Their covariance; mostly deferred, since it takes as long as the estimates.
     warnings : tuple of str
         How they came about, as far as the user has to know.
     standard : StandardParameters or None
@@ -109,3 +123,46 @@ class Problem:
             estimate_group_weights(data.torque, known) if choices.weighs_turns else np.ones(len(data.torque.equations))
         )
         return cls(model, data.weighing_turns(weights), known, choices.covariance, trust)
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeUncertainty:
+    """What the joints' torques say of the shape constants of a fit; nothing is computed before it is asked for.
+
+    Parameters
+    ----------
+    problem : Problem
+        Equations of the data, and prior knowledge.
+    fitted : Fit
+        What was solved from them.
+    reduce : callable or None
+        Gives, for parameters (b,), the torques in the model's columns and, behind them, those of the constants; None
+        where nobody can look at these.
+    """
+
+    problem: Problem
+    fitted: Fit
+    reduce: Callable[[FloatArray], Reduction | None] | None
+
+    @cached_property
+    def reduction(self) -> Reduction | None:
+        """Torques with the columns of the constants."""
+        # These columns are derivatives of the torque, so they need the parameters of the fit.
+        reduction = None if self.reduce is None else self.reduce(self.fitted.solution.values)
+        return None if reduction is None else reduction.weight_groups(self.problem.data.reversal_weights)
+
+    @cached_property
+    def linearisation(self) -> LinearisedSolution | None:
+        """Torques linearised about the constants, whatever rows the parameters were solved from."""
+        if self.reduction is None:
+            return None
+        data, solution = self.problem.data, self.fitted.solution
+        # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
+        if data.equations is not data.torque:
+            solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
+        return linearise_shapes(self.problem.model, solution, self.problem.covariance, self.reduction)
+
+    @property
+    def statistics(self) -> Statistics:
+        """Those of the parameters, with the constants uncertain where there are any."""
+        return self.fitted.statistics if self.linearisation is None else self.linearisation.parameter_statistics

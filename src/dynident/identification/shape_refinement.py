@@ -31,9 +31,11 @@ from dynident.estimation import (
     linearise_constants,
     solve,
 )
+from dynident.progress import Progress, ignore_progress
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
+from dynident.regressors.row_cache import CachedRows, reduce_with_columns
 
 ColumnKey = tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]
 
@@ -363,3 +365,36 @@ def _solve_least_squares(w: FloatArray, y: FloatArray) -> tuple[FloatArray, floa
     scaled_values = np.linalg.lstsq(scaled, y, rcond=1e-10)[0]
     rest = y - scaled @ scaled_values
     return scaled_values / np.where(sizes > 0, sizes, 1.0), float(rest @ rest)
+
+
+def reduce_with_shapes(
+    model: Model,
+    values: FloatArray,
+    inputs: RegressorInputs,
+    known: CachedRows | None,
+    progress: Progress = ignore_progress,
+) -> Reduction | None:
+    """Reduce recordings to a model's columns and, behind them, the derivatives of its torque by its shape constants.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    values : (b,)
+        Parameters that the derivatives are taken at.
+    inputs : RegressorInputs
+        Recordings of the fit, their filters, and what torque is predicted with.
+    known : CachedRows or None
+        Rows of the model or of one that it extends, where they are in memory.
+    progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Reduction or None
+        None for a model without shape constants.
+    """
+    places = list_shape_variables(model.effects)
+    if not places:
+        return None
+    return reduce_with_columns(model, build_shape_columns(model, values, places), inputs, progress, known)

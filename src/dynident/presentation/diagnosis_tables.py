@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.diagnosis import Change, Diagnosis, FrictionDifference, RankedEffect
-from dynident.diagnosis.diagnosis_result import ChangedValue, DetectionLimit, FailureSpot
-from dynident.diagnosis.diagnosis_summary import group_patterns
 from dynident.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.presentation.labels import format_joints, format_shape_constants, get_effect_title
 from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 
 if TYPE_CHECKING:
-    # For type checkers alone: a diagnosis needs nothing of what is only for series over days.
+    # For type checkers alone: the tables of a model are printed without any diagnosis, and a diagnosis needs nothing of
+    # what is only for series over days.
+    from dynident.diagnosis import Change, Diagnosis, FrictionDifference, RankedEffect
+    from dynident.diagnosis.diagnosis_result import ChangedValue, DetectionLimit, FailureSpot
     from dynident.diagnosis.monitoring import ParameterTrack, Series
 
 EVIDENCE = ("p", "separable", "evidence")
@@ -206,6 +206,8 @@ def build_diagnosis_tables(
     if diagnosis.friction:
         yield build_friction_table(diagnosis.friction)
     if diagnosis.unknown:
+        from dynident.diagnosis.diagnosis_summary import group_patterns
+
         rows = tuple(
             (*make_text_cells(on, variable), Cell(shares, is_figures=True))
             for variable, on, shares in group_patterns(diagnosis.unknown, joints)

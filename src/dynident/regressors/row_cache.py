@@ -148,9 +148,29 @@ def reduce_with_columns(
     Reduction
         The equations of the model's columns and, behind them, of the further ones.
     """
-    observation = model.observation.extend(more, model.signals)
-    usable = known if known is not None and _is_extension(observation, inputs.reference, known) else None
+    return reduce_without_rest(model.observation.extend(more, model.signals), inputs, progress, known)
 
+
+def reduce_without_rest(
+    observation: Observation,
+    inputs: RegressorInputs,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
+) -> Reduction:
+    """Reduce recordings to the columns of W, without the rows near halts and at rest, which take no part in a fit.
+
+    Parameters
+    ----------
+    observation : Observation
+        The matrix W.
+    inputs : RegressorInputs
+        Recordings, their filters, and what torque is predicted with.
+    progress : Progress
+        Hears of the share that is done.
+    known : CachedRows, optional
+        Of leading columns: only those behind them are evaluated.
+    """
+    usable = known if known is not None and _is_extension(observation, inputs.reference, known) else None
     samples_of = _make_sample_reader(usable, observation, None, inputs.preprocessing, inputs.reference)
     return reduce_recordings(observation, inputs, progress, samples_of, by_phase=True)
 

@@ -441,8 +441,12 @@ def build_rest_observation(robot: Robot, columns: Sequence[Column], signals: Sig
     """
     jumps = signals.predicted.get_drive_parameter("Fc")
     friction = [
-        (c.effect != "" and get_effect(c.effect).is_friction) or ca.depends_on(c.torque, jumps) for c in columns
+        place
+        for place, c in enumerate(columns)
+        if (c.effect != "" and get_effect(c.effect).is_friction) or ca.depends_on(c.torque, jumps)
     ]
+    peaking = [place for place in friction if _peaks_at_rest(columns[place])]
+    others = [place for place in friction if place not in peaking]
     steep = _is_steep_at_rest(robot, columns)
     rows = []
     memory = {signal: signals.memory(signal) for signal in signals.memory_signals}
@@ -454,17 +458,15 @@ def build_rest_observation(robot: Robot, columns: Sequence[Column], signals: Sig
             state = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
             speeds = (_TOUCH, min(_SLOWEST * get_velocity_scale(robot, j), _FASTEST_OF_SLOW) if steep[j] else _TOUCH)
             still, slow = (ca.vertcat(direction * v, 0.0, *([direction] * len(states))) for v in speeds)
-            # What becomes zero at rest is an entry still, so that it is known to have changed.
-            rows.append(
-                ca.horzcat(
-                    *(
-                        ca.densify(ca.substitute(c.torque[j], state, still if _peaks_at_rest(c) else slow))
-                        if f and not c.torque[j].is_zero()
-                        else ca.SX(1, 1)
-                        for c, f in zip(columns, friction, strict=True)
-                    )
-                )
-            )
+            row = ca.SX(1, len(columns))
+            for speed, places in ((still, peaking), (slow, others)):
+                acting = {place: columns[place].torque[j] for place in places if columns[place].torque.has_nz(j, 0)}
+                acting = {place: torque for place, torque in acting.items() if not torque.is_zero()}
+                if acting:
+                    # What becomes zero at rest is an entry still, so that it is known to have changed.
+                    at_rest = ca.densify(ca.substitute(ca.vertcat(*acting.values()), state, speed))
+                    row[0, list(acting)] = at_rest.T
+            rows.append(row)
     return Observation.from_matrix(robot, columns, ca.vertcat(*rows), signals)
 
 

@@ -14,6 +14,7 @@ from dynident.estimation import Reduction
 from dynident.identification.equations.filtered_energy_power_wrench import build_equations
 from dynident.identification.equations.model_and_data_checks import check_equations
 from dynident.identification.estimation_problem_options import RowOptions
+from dynident.parallel import Deferring
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
 from dynident.regressors.model_structure import Model
@@ -193,7 +194,7 @@ def reduce_torque(
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedData:
+class ReducedData(Deferring):
     """Filtered recordings as factors of W in the columns of an identified model.
 
     Parameters
@@ -207,7 +208,7 @@ class ReducedData:
         The joints' torques in the held-out recordings.
     shaped : Reduction or None
         The torques of `training` in the model's columns and, behind them, those of the shape constants
-        (`shapes.shape_columns`). None where no effect has constants or these cannot be looked at.
+        (`shapes.shape_columns`). None where no effect has constants or these cannot be looked at; may be deferred.
     preprocessing : Preprocessing
         How the recordings were filtered.
     measurement_names : tuple of str

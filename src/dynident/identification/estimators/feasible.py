@@ -33,6 +33,7 @@ from dynident.identification.estimators.feasible_problem import (
 )
 from dynident.identification.standard_parameters import StandardParameters, find_bodies
 from dynident.number_format import format_percent
+from dynident.parallel import defer
 from dynident.regressors.model_structure import Model
 
 _ROUNDS = 20
@@ -98,7 +99,7 @@ def solve_feasible(request: Problem) -> Fit:
     solution = Solution(values, noise, factor, problem.known, problem.find_free_directions(constrained), converged)
     return Fit(
         solution,
-        statistics(data.equations, solution, request.covariance),
+        defer(lambda: statistics(data.equations, solution, request.covariance)),
         _list_warnings(model, problem, constrained, data.equations, unconstrained),
         problem.to_standard_parameters(constrained),
     )
@@ -214,8 +215,8 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
         return fitted
     # Without an active limit the fit stays exactly as it is; where bodies that can exist fit as well, they are known.
     if not nearest.limits:
-        return replace(fitted, standard=nearest.standard) if nearest.is_feasible else fitted
-    return replace(fitted, solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
+        return fitted.with_changes(standard=nearest.standard) if nearest.is_feasible else fitted
+    return fitted.with_changes(solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
 
 
 def minimise_entropic_cost(

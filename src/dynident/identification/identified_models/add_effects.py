@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate, takewhile
 
 import numpy as np
 
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import solve_weighted
 from dynident.estimation.residual_errors import compute_t
-from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.model_and_data_checks import check_recordings, check_runs, check_temperature
 from dynident.identification.equations.reduced_recordings import reduce_torque, split_friction_tests
 from dynident.identification.identified_models.fit_model import identify_model
@@ -23,15 +22,20 @@ from dynident.identification.identified_models.held_out_gain import (
     list_addition_warnings,
 )
 from dynident.identification.identified_models.identification_result import Identification, LadderStep
-from dynident.identification.identified_models.identify_from_recordings import add_digests, check_same_recordings
+from dynident.identification.identified_models.identify_from_recordings import (
+    add_digests,
+    check_same_recordings,
+    solve_for_reference,
+)
 from dynident.identification.identified_models.remove_and_solve_again import solve_submodel
-from dynident.identification.shape_refinement import list_shape_variables
+from dynident.identification.shape_refinement import reduce_with_shapes
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
-from dynident.parallel import single_threaded
+from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
+from dynident.regressors.row_cache import reduce_without_rest
 from dynident.regressors.row_phases import have_same_instants
 
 
@@ -215,7 +219,7 @@ def extend(
     if not idle:
         return grown
     left_out = f"{', '.join(idle)} added nothing to the other effects and was left out."
-    return replace(grown, warnings=(*grown.warnings, left_out))
+    return grown.with_changes(warnings=defer(lambda: (*grown.warnings, left_out)))
 
 
 def extend_at_once(
@@ -279,20 +283,20 @@ def _extend_at_rest(
         )
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     grown = identify_poses(identification.model.robot, recordings, validation, choices)
-    return replace(grown, step=LadderStep(identification, added=new))
+    return grown.with_changes(step=LadderStep(identification, added=new))
 
 
 def _list_for_one_pass(
     identification: Identification, added: Sequence[EffectChoice], validation: Sequence[Recording]
 ) -> tuple[EffectChoice, ...]:
-    """Return the first effects, as far as one pass over the samples does for all: none depends on a fit with others."""
+    """Return the first effects, as far as one fit does for all: none depends on a fit with others."""
     choices = identification.choices
     if not (choices.model == "dynamic" and choices.solver.from_reduced and choices.plan.from_reduced):
         return ()
-    # Loads are predicted, and shape constants linearised, with the parameters of each step by itself.
-    if identification.model.needs_load or list_shape_variables(choices.effects):
+    # Loads that are in the model already are predicted with its parameters, and these change with every effect.
+    if identification.model.needs_load:
         return ()
-    independent = tuple(
+    return tuple(
         takewhile(
             lambda choice: (
                 not (
@@ -304,9 +308,6 @@ def _list_for_one_pass(
             added,
         )
     )
-    before_shapes = tuple(takewhile(lambda choice: not list_shape_variables((choice,)), independent))
-    # Only the last step may have shape constants: the reduced data are linearised about its parameters.
-    return independent[: len(before_shapes) + 1]
 
 
 def _add_together(
@@ -316,13 +317,15 @@ def _add_together(
     validation: Sequence[Recording],
     progress: Progress,
 ) -> tuple[Identification | None, list[str], int]:
-    """Add effects in one pass over the samples, one step each: the steps before the last have its leading columns.
+    """Add effects in one fit, one step each: the steps before the last have its leading columns.
+
+    These are solved when somebody looks at them.
 
     Returns
     -------
     Identification or None, list of str, int
         The largest model, None where nothing was added; effects that add nothing; and how many effects were looked at.
-        Those that need the load, or would take other instants out of the rows, are left for another pass.
+        Those that would take other instants out of the rows are left for another fit.
     """
     tolerance = identification.choices.tolerance
     steps: list[tuple[EffectChoice, Model]] = []
@@ -332,8 +335,7 @@ def _add_together(
         model = extend_model(before, (choice,), tolerance=tolerance)
         if model.n_parameters == before.n_parameters:
             idle.append(choice.effect)
-        # The steps before tell what load there is.
-        elif steps and (model.needs_load or not have_same_instants(before.observation, model.observation)):
+        elif steps and not have_same_instants(before.observation, model.observation):
             break
         else:
             steps.append((choice, model))
@@ -343,12 +345,11 @@ def _add_together(
     effects = [*accumulate(((choice,) for choice, _ in steps), initial=identification.choices.effects)][1:]
     choices = [replace(identification.choices, effects=each) for each in effects]
     largest = steps[-1][1]
-    # As in an identification from scratch, least squares without the effects that need loads predict these for all.
+    share = 0.5 * count / len(added) if largest.needs_load else 0.0
     predicted = identification.estimate.reference
     if largest.needs_load:
-        known = build_prior(identification.model, identification.choices.trust)
-        solution = solve_weighted(identification.data.equations, known)
-        predicted = identification.model.build_reference(solution.values)
+        new = tuple(choice for choice, _ in steps)
+        predicted = _predict_loads(identification, new, recordings, scale_progress(progress, 0.0, share))
     grown = identify_model(
         largest,
         recordings,
@@ -356,16 +357,46 @@ def _add_together(
         choices[-1],
         identification.preprocessing,
         predicted,
-        scale_progress(progress, 0.0, count / len(added)),
+        scale_progress(progress, share, count / len(added)),
         identification.in_memory,
     )
-    below = identification
-    for (choice, model), chosen in zip(steps, choices, strict=True):
-        leading = np.eye(largest.n_parameters, model.n_parameters)
-        larger = grown if model is largest else solve_submodel(grown, model, chosen, leading)
-        larger = replace(larger, step=LadderStep(below, added=(choice,)))
-        below = replace(larger, warnings=list_addition_warnings(larger) + larger.warnings)
-    return below, idle, count
+    inputs = RegressorInputs(split_friction_tests(recordings)[0], identification.preprocessing, predicted)
+
+    def solve_step(number: int) -> Identification:
+        """Return the model of a step, with all models below it."""
+        choice, model = steps[number]
+        if model is largest:
+            larger = grown
+        else:
+            leading = np.eye(largest.n_parameters, model.n_parameters)
+            # Shape constants are linearised about the step's own parameters.
+            shaped = partial(reduce_with_shapes, model, inputs=inputs, known=identification.in_memory.training)
+            larger = solve_submodel(grown, model, choices[number], leading, shaped)
+        below = defer(partial(solve_step, number - 1)) if number else identification
+        step = _add_step(larger, LadderStep(below, added=(choice,)))
+        if grown.in_memory.training is None:
+            # Recordings that are not in memory are read while they are at hand.
+            _ = step.step.parent, step.data.shaped
+        return step
+
+    return solve_step(len(steps) - 1), idle, count
+
+
+def _predict_loads(
+    identification: Identification, added: Sequence[EffectChoice], recordings: Sequence[Recording], progress: Progress
+) -> ReferenceParameters:
+    """Return what loads are predicted with, as in an identification from scratch.
+
+    These are least squares of the model with all added effects but those that need a load.
+    """
+    choices, model, equations = identification.choices, identification.model, identification.data.equations
+    plain = tuple(choice for choice in added if not get_effect(choice.effect).needs_load)
+    if plain:
+        model = extend_model(model, plain, tolerance=choices.tolerance)
+        ordinary, _ = split_friction_tests(recordings)
+        inputs = RegressorInputs(ordinary, identification.preprocessing, identification.estimate.reference)
+        equations = reduce_without_rest(model.observation, inputs, progress, identification.in_memory.training)
+    return solve_for_reference(model, choices, equations)
 
 
 def _add_effect(
@@ -397,8 +428,12 @@ def _add_effect(
         return grown
     more = tuple(finding.run for finding in findings)
     carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
-    grown = _identify_with_effects(identification, carried, recordings, validation, scale_progress(progress, 0.75, 1.0))
-    return grown and replace(grown, warnings=(describe_runs_with_effects(new, findings), *grown.warnings))
+    last_progress = scale_progress(progress, 0.75, 1.0)
+    carried_by = _identify_with_effects(identification, carried, recordings, validation, last_progress)
+    if carried_by is None:
+        return None
+    sentence = describe_runs_with_effects(new, findings)
+    return carried_by.with_changes(warnings=defer(lambda: (sentence, *carried_by.warnings)))
 
 
 def _identify_with_effects(
@@ -434,5 +469,10 @@ def _identify_with_effects(
         )
         # The second pass predicts loads with the parameters of the first.
         reference = grown.estimate.next_reference()
-    grown = replace(grown, step=LadderStep(identification, added=new))
-    return replace(grown, warnings=list_addition_warnings(grown) + grown.warnings)
+    return _add_step(grown, LadderStep(identification, added=new))
+
+
+def _add_step(identified: Identification, step: LadderStep) -> Identification:
+    """Return a larger model as a step of a ladder, with what is said of the step."""
+    larger = identified.with_changes(step=step)
+    return larger.with_changes(warnings=defer(lambda: list_addition_warnings(larger) + larger.warnings))

@@ -11,15 +11,13 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS, LINKS, OFFSETS, ReferenceParameters, get_role
 from dynident.estimation import (
-    LinearisedSolution,
     Reduction,
     compute_errors,
-    compute_noise_levels,
     find_outlying_spans,
 )
 from dynident.identification.equations.model_and_data_checks import check_reduction, check_torque
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
-from dynident.identification.estimation_problem import Fit, Problem
+from dynident.identification.estimation_problem import Problem, ShapeUncertainty
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.identification_result import (
     NONE_IN_MEMORY,
@@ -27,8 +25,8 @@ from dynident.identification.identified_models.identification_result import (
     Identification,
     RowsInMemory,
 )
-from dynident.identification.shape_constant_intervals import judge_shape_constants, linearise_shapes
-from dynident.identification.shape_refinement import build_shape_columns, list_shape_variables
+from dynident.identification.shape_constant_intervals import judge_shape_constants
+from dynident.identification.shape_refinement import reduce_with_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, find_bodies
 from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
 from dynident.identification.thresholds import (
@@ -38,12 +36,12 @@ from dynident.identification.thresholds import (
     OVERFIT,
 )
 from dynident.number_format import format_percent
-from dynident.progress import Progress, scale_progress
+from dynident.parallel import defer
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
-from dynident.regressors.row_cache import reduce_with_columns
 
 if TYPE_CHECKING:
     from dynident.identification.identified_models.identification_result import Estimate, Identification
@@ -370,14 +368,11 @@ def finalise_identification(
         check_torque(model, data.torque)
     # The problem has given the rows at reversals their weights: from here on only these weighted rows count.
     data = problem.data
-    reduced = replace(reduced, equations=data.equations, training=data.torque)
+    reduced = reduced.with_changes(equations=data.equations, training=data.torque)
     fitted = solve_by_strategy(choices, problem)
     values = fitted.solution.values
-    # Columns of the shape constants are derivatives of the torque, so they need the parameters that were just found.
-    with_shapes = None if shaped is None else shaped(values)
-    if with_shapes is not None:
-        with_shapes = with_shapes.weight_groups(data.reversal_weights)
-    looked = None if with_shapes is None else _linearise_shapes(problem, fitted, with_shapes)
+    shapes = ShapeUncertainty(problem, fitted, shaped)
+    reduced = reduced.with_changes(shaped=defer(lambda: shapes.reduction))
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
         smallest = float("nan")
@@ -385,36 +380,26 @@ def finalise_identification(
         smallest = compute_smallest_inertia_eigenvalue(model, values)
     else:
         smallest = compute_smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
-    # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
-    certain = not choices.is_least_squares_of_torque
     estimate = Estimate.from_solution(
         model,
         reduced,
         data.reference,
         fitted.solution,
-        fitted.statistics if certain or looked is None else looked.parameter_statistics,
+        # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
+        defer(lambda: shapes.statistics if choices.is_least_squares_of_torque else fitted.statistics),
         standard=fitted.standard,
-        shape_constants=judge_shape_constants(model, looked),
+        shape_constants=defer(lambda: judge_shape_constants(model, shapes.linearisation)),
     )
     result = Identification(
         estimate=estimate,
         choices=choices,
-        data=replace(reduced, shaped=with_shapes),
+        data=reduced,
         fit=compute_errors(data.torque, values),
         held_out=None if reduced.held_out is None else compute_errors(reduced.held_out, values),
         worst_inertia_eigenvalue=smallest,
         warnings=(),
     )
-    return replace(result, warnings=fitted.warnings + list_warnings(result))
-
-
-def _linearise_shapes(problem: Problem, fitted: Fit, with_shapes: Reduction) -> LinearisedSolution | None:
-    """Linearise the joints' torques about the shape constants, whatever rows the parameters were solved from."""
-    data, solution = problem.data, fitted.solution
-    # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
-    if data.equations is not data.torque:
-        solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
-    return linearise_shapes(problem.model, solution, problem.covariance, with_shapes)
+    return result.with_changes(warnings=defer(lambda: fitted.warnings + list_warnings(result)))
 
 
 def identify_model(
@@ -472,15 +457,12 @@ def identify_model(
             model, replace(inputs, recordings=validation), scale_progress(progress, share, 0.9), known.held_out
         )
     progress(0.9, "solving")
-    solve_progress = scale_progress(progress, 0.9, 1.0)
+    # Rows that are not in memory are read again while the recordings are at hand, all others when they are asked for.
+    later = scale_progress(progress, 0.9, 1.0) if training.rows is None else ignore_progress
 
     def reduce_shapes(values: FloatArray) -> Reduction | None:
-        places = list_shape_variables(model.effects)
-        if not places:
-            return None
-        columns = build_shape_columns(model, values, places)
         # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
-        return reduce_with_columns(model, columns, training.inputs, solve_progress, training.rows)
+        return reduce_with_shapes(model, values, training.inputs, training.rows, later)
 
     data = ReducedData(
         training.equations,
@@ -495,4 +477,7 @@ def identify_model(
         from_commands=any(recording.torque_from_commands for recording in (*recordings, *validation)),
     )
     identified = finalise_identification(model, choices, training, data, shaped=reduce_shapes)
-    return replace(identified, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))
+    if training.rows is None:
+        _ = identified.data.shaped
+    held_out_rows = None if held_out is None else held_out.rows
+    return identified.with_changes(in_memory=RowsInMemory(training.rows, held_out_rows))

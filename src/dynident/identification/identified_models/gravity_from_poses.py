@@ -22,6 +22,7 @@ from dynident.identification.equations.reduced_recordings import Data, ReducedDa
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import finalise_identification
 from dynident.identification.identified_models.identification_result import Identification
+from dynident.parallel import defer
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.pose_recordings import has_poses, read_pose_rows
 from dynident.regressors.base_parameters import find_base_parameters
@@ -111,7 +112,8 @@ def identify_poses(
         from_commands=any(recording.torque_from_commands for recording in (*recordings, *validation)),
     )
     identified = finalise_identification(model, own, data, reduced)
-    return replace(identified, warnings=(*_describe_poses(identified, choices.effects), *identified.warnings))
+    warnings = defer(lambda: (*_describe_poses(identified, choices.effects), *identified.warnings))
+    return identified.with_changes(warnings=warnings)
 
 
 def build_model_at_rest(robot: Robot, effects: Sequence[EffectChoice], tolerance: float) -> Model:

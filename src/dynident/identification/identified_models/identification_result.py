@@ -7,7 +7,7 @@ steps need instead of the recordings.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
 
@@ -34,7 +34,7 @@ from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.identification.standard_parameters import StandardParameters
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.number_format import format_percent
-from dynident.parallel import single_threaded
+from dynident.parallel import Deferring, single_threaded
 from dynident.recordings import Preprocessing
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
 from dynident.regressors.model_structure import Model
@@ -109,7 +109,7 @@ class IdentifiedParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(Deferring):
     """Estimates of a model's base parameters, and how sure they are.
 
     Parameters
@@ -144,7 +144,7 @@ class Estimate:
     owed_to_known: NDArray[np.bool_]
     standard: StandardParameters | None = None
     not_essential: tuple[int, ...] = ()
-    shape_constants: tuple[ShapeConstant, ...] = ()
+    shape_constants: tuple[ShapeConstant, ...] = field(default_factory=tuple)
     speeds: FloatArray | None = None
 
     @classmethod
@@ -186,10 +186,8 @@ class Estimate:
         Estimate
             The estimate, with the noise of every joint.
         """
-        # Rows that are weighted, or of another equation type, do not give the residual in N m.
-        noise = statistics.noise if data.has_equal_weights else compute_row_noise(data.training, solution.values)
         # A joint without rows has no residual, and what is divided by its noise must stay a number.
-        noise = floor_noise(noise)
+        noise = floor_noise(compute_row_noise(data.training, solution.values))
         owed = find_prior_dominated(data.equations, solution)
         return cls(
             model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants, data.speeds
@@ -274,30 +272,30 @@ NONE_IN_MEMORY = RowsInMemory()
 
 
 @dataclass(frozen=True, eq=False)
-class LadderStep:
+class LadderStep(Deferring):
     """How a model was made from the one below it on the ladder.
 
     Parameters
     ----------
     parent : Identification or None
-        The model below; None for the first one, to which nothing was done.
+        The model below, which may be deferred; None for the first one, to which nothing was done.
     added : tuple of EffectChoice
         Effects that were added to the model below.
     removed : tuple of EffectChoice
         Effects that were taken out of it.
     """
 
-    parent: Identification | None = None
+    parent: Identification | None
     added: tuple[EffectChoice, ...] = ()
     removed: tuple[EffectChoice, ...] = ()
 
 
-FIRST = LadderStep()
+FIRST = LadderStep(None)
 """Of a model that was identified from recordings."""
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(Deferring):
     """An identified model: what was estimated, from what, and how well it fits.
 
     Parameters

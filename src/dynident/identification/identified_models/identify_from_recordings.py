@@ -22,7 +22,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, estimate_group_weights, solve_weighted
+from dynident.estimation import EstimationError, Reduction, estimate_group_weights, solve_weighted
 from dynident.estimation.residual_errors import compute_fitted_errors
 from dynident.identification.description_prior import build_prior, check_known
 from dynident.identification.equations.filtered_energy_power_wrench import find_constants
@@ -40,14 +40,14 @@ from dynident.identification.identified_models.gravity_from_poses import are_pos
 from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
-from dynident.parallel import single_threaded
+from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.sample_hashes import SampleHashes, find_copied_recordings
 from dynident.recordings.signal_spectra import estimate_spectra
 from dynident.regressors.dynamic_model_rows import reduce_recordings
-from dynident.regressors.model_structure import get_model
+from dynident.regressors.model_structure import Model, get_model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.robot_model import Robot
 
@@ -72,13 +72,11 @@ def add_digests(
     hashes = [SampleHashes.from_recording(recording) for recording in recordings]
     digests = tuple(own.digest for own in hashes)
     copied = find_copied_recordings(hashes, validation)
-    warnings = identification.warnings
-    if copied:
-        sentence = (
-            f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
-        )
-        warnings = (sentence, *warnings)
-    return replace(identification, data=replace(identification.data, digests=digests, copied=copied), warnings=warnings)
+    known = identification.with_changes(data=identification.data.with_changes(digests=digests, copied=copied))
+    if not copied:
+        return known
+    sentence = f"The held-out error says nothing: {', '.join(copied)} has samples of the fit. Hold out another motion."
+    return known.with_changes(warnings=defer(lambda: (sentence, *identification.warnings)))
 
 
 def check_same_recordings(identification: Identification, recordings: Sequence[Recording]) -> None:
@@ -288,17 +286,42 @@ def prepare_effects(
         scale_progress(progress, 0.0, 0.5),
         by_phase=True,
     )
-    prior = build_prior(first, choices.trust)
-    check_reduction(first, reduction, prior)
-    if choices.weighs_turns:
-        reduction = reduction.weight_groups(estimate_group_weights(reduction, prior))
-    reference = first.build_reference(solve_weighted(reduction, prior).values)
+    reference = solve_for_reference(first, choices, reduction)
     # Their constants are searched beside the first model, with loads that it predicts.
     others = tuple(choice for choice in effects if choice not in plain)
     completed = complete_shapes(
         first, others, RegressorInputs(recordings, preprocessing, reference), scale_progress(progress, 0.5, 1.0)
     )
     return plain + completed, reference
+
+
+def solve_for_reference(model: Model, choices: IdentificationChoices, reduction: Reduction) -> ReferenceParameters:
+    """Solve for what loads are predicted with, by least squares of a model without the effects that need loads.
+
+    Parameters
+    ----------
+    model : Model
+        The model without these effects.
+    choices : IdentificationChoices
+        Options of the identification.
+    reduction : Reduction
+        The joints' torques in the model's columns.
+
+    Returns
+    -------
+    ReferenceParameters
+        The parameters, as those of robot and motors.
+
+    Raises
+    ------
+    DynidentError
+        Where the data do not determine them.
+    """
+    prior = build_prior(model, choices.trust)
+    check_reduction(model, reduction, prior)
+    if choices.weighs_turns:
+        reduction = reduction.weight_groups(estimate_group_weights(reduction, prior))
+    return model.build_reference(solve_weighted(reduction, prior).values)
 
 
 def mark_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Robot:
@@ -413,13 +436,17 @@ def complete_identification(
     narrow = None if requested.preprocessing else find_narrower_band(identified, ordinary)
     if narrow is not None:
         band, why = narrow
-        identified = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
-        return replace(identified, warnings=(why, *identified.warnings))
+        narrowed = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
+        return narrowed.with_changes(warnings=defer(lambda: (why, *narrowed.warnings)))
+    warnings = defer(lambda: _warn_of_slow_motion(identified) + identified.warnings)
+    return add_digests(identified.with_changes(warnings=warnings), recordings, validation)
+
+
+def _warn_of_slow_motion(identified: Identification) -> tuple[str, ...]:
     slow = describe_slow_motion(identified.parameters)
-    if slow is not None:
-        advice = "Use the model at such speeds only, and record a faster motion for the dynamics."
-        identified = replace(identified, warnings=(f"{slow} {advice}", *identified.warnings))
-    return add_digests(identified, recordings, validation)
+    if slow is None:
+        return ()
+    return (f"{slow} Use the model at such speeds only, and record a faster motion for the dynamics.",)
 
 
 LEAST_DETERMINED = 0.1

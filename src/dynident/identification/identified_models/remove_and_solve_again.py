@@ -5,7 +5,7 @@ Effects are removed by algebra on the reduced data.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -69,16 +69,20 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         model, weights = build_submodel(known, choices.effects, choices.tolerance)
         part, data = SubmodelRelation(known, weights), data.combine_columns(weights)
     check_known(model, choices.known)
-    # Fewer effects need no new rows: the smaller model's columns are linear combinations of those that the reduced
-    # data hold.
-    shaped = combine_shapes(identification, model.effects, None if part is None else part.weights)
     # The filters are those that the reduced data went through, whatever the choices leave open.
     chosen = replace(choices, preprocessing=identification.choices.preprocessing)
     identified = finalise_identification(
-        model, chosen, data.to_data(identification.estimate.reference), data, part, lambda _: shaped
+        model,
+        chosen,
+        data.to_data(identification.estimate.reference),
+        data,
+        part,
+        # Fewer effects need no new rows: the smaller model's columns are linear combinations of those that the
+        # reduced data hold.
+        lambda _: combine_shapes(identification, model.effects, None if part is None else part.weights),
     )
     # Rows in memory belong to the columns of the larger model, so a smaller one starts without any.
-    return replace(identified, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
+    return identified.with_changes(in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,11 +314,15 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     model, weights = build_submodel(known, remaining, choices.tolerance)
     choices = choices.keep_known({column.name for column in model.columns})
     smaller = solve_submodel(identification, model, choices, weights)
-    return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
+    return smaller.with_changes(step=LadderStep(identification, removed=tuple(removed)))
 
 
 def solve_submodel(
-    identification: Identification, model: Model, choices: IdentificationChoices, weights: FloatArray
+    identification: Identification,
+    model: Model,
+    choices: IdentificationChoices,
+    weights: FloatArray,
+    shaped: Callable[[FloatArray], Reduction | None] | None = None,
 ) -> Identification:
     """Solve for a smaller model from the reduced data of a larger one.
 
@@ -328,6 +336,9 @@ def solve_submodel(
         Those of the smaller one.
     weights : (b, b')
         The smaller model's columns are the larger one's times these.
+    shaped : function, optional
+        Takes parameters (b',), and returns the torques in the smaller model's columns, followed by those of its shape
+        constants; by default these are the larger model's.
 
     Returns
     -------
@@ -335,10 +346,10 @@ def solve_submodel(
         The smaller model, without a step of a ladder.
     """
     data = identification.data.combine_columns(weights)
-    shaped = combine_shapes(identification, choices.effects, weights)
     to_solve = data.to_data(identification.estimate.reference)
     relation = SubmodelRelation(identification.model, weights)
-    return finalise_identification(model, choices, to_solve, data, relation, lambda _: shaped)
+    as_before = lambda _: combine_shapes(identification, choices.effects, weights)  # noqa: E731
+    return finalise_identification(model, choices, to_solve, data, relation, shaped or as_before)
 
 
 def subtract_effects(

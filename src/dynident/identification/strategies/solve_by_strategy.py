@@ -59,13 +59,13 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     if choices.prior is not None:
         fitted = _add_prior_warning(problem.model, problem.data, fitted)
     if choices.known:
-        fitted = replace(fitted, warnings=(*_doubt_known(choices, problem), *fitted.warnings))
+        fitted = fitted.with_changes(warnings=(*_doubt_known(choices, problem), *fitted.warnings))
     friction = problem.data.friction
     if not friction or choices.plan.friction_runs:
         return fitted
     names = ", ".join(recording.name for recording in friction)
     unused = f"Not used: {names}. Friction tests (role friction) are used only by the strategy separate_friction."
-    return replace(fitted, warnings=(*fitted.warnings, unused))
+    return fitted.with_changes(warnings=(*fitted.warnings, unused))
 
 
 def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
@@ -140,4 +140,4 @@ def _add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:
     )
     if names:
         warning += f" The data determine these parameters less than the prior does: {', '.join(names)}."
-    return replace(fit, warnings=(warning, *fit.warnings))
+    return fit.with_changes(warnings=(warning, *fit.warnings))

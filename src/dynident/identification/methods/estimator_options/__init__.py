@@ -72,9 +72,10 @@ class Ordinary(Estimator):
         """Solve the equations of the data."""
         from dynident.estimation import solve_ordinary, statistics
         from dynident.identification.estimation_problem import Fit
+        from dynident.parallel import defer
 
         solution = solve_ordinary(problem.data.equations, problem.known)
-        return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
+        return Fit(solution, defer(lambda: statistics(problem.data.equations, solution, problem.covariance)))
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,10 @@ class Weighted(Estimator):
         """Solve the equations of the data."""
         from dynident.estimation import solve_weighted, statistics
         from dynident.identification.estimation_problem import Fit
+        from dynident.parallel import defer
 
         solution = solve_weighted(problem.data.equations, problem.known)
-        return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
+        return Fit(solution, defer(lambda: statistics(problem.data.equations, solution, problem.covariance)))
 
 
 @dataclass(frozen=True)
