@@ -221,6 +221,14 @@ def test_diagnose_tells_people_how_to_add_what_is_missing(desk: Path, diagnosed:
     assert run_printed(answer.out)["effects"][-1]["effect"] == "stribeck"
 
 
+def test_held_out_recordings_confirm_or_refuse_what_a_diagnosis_finds(desk: Path, tmp_path: Path) -> None:
+    asked = ("diagnose", desk / "model.npz", desk / "run1.csv", "--candidates", "stribeck,offset", "--validation")
+    confirmed = dynident(*asked, desk / "run2.csv")
+    assert [item["name"] for item in run_printed(confirmed.out)["measurements"]] == ["run1", "run2"]
+    refused = dynident(*asked, write_run(tmp_path / "without.csv", 4, stribeck=0.0), "--json")
+    assert refused.document["recommended"] == []
+
+
 def run_printed(out: str) -> Any:
     """What the command that a diagnosis prints gives, run as it is printed."""
     (line,) = (line for line in out.splitlines() if "To add what is missing: " in line)

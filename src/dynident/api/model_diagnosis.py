@@ -270,6 +270,7 @@ def diagnose(
     model: Model | Identification,
     recordings: SomeRecordings | None = None,
     *,
+    validation: SomeRecordings | None = None,
     candidates: str | Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
@@ -283,7 +284,10 @@ def diagnose(
     model : Model
         The identified model, with or without its recordings.
     recordings : recordings, optional
-        By default those from which the model was identified; its validation recordings then confirm what is found.
+        By default those from which the model was identified.
+    validation : recordings, optional
+        Held-out recordings. They propose nothing; what they do not confirm is not named. By default the model's own,
+        or none where `recordings` are given.
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
     most_effects : int
@@ -319,15 +323,16 @@ def diagnose(
     True
     """
     desk_model = as_model(model)
-    # The recordings of the fit are the default: those held out propose nothing, and may refuse what the others propose.
     if recordings is None:
         desk_model.check_data("diagnose the model")
     checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
     check_not_empty(checked_recordings, "recordings")
+    own = desk_model.validation if recordings is None else ()
+    held_out = as_recordings(own if validation is None else validation)
     examination = examine(
         desk_model.identification,
         checked_recordings.recordings,
-        validation=desk_model.validation.recordings if recordings is None else (),
+        validation=held_out.recordings,
         candidates=[candidates] if isinstance(candidates, str) else candidates,
         most_effects=most_effects,
         significance=significance,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -115,12 +116,20 @@ def changes(
     )
 
 
-def diagnose(
-    model: ModelArgument,
-    measurements: Measurements,
-    reading: Reading,
-    request_options: Annotated[TypedValues, RequestOptions(DiagnosisChoices)],
-    result: OutputOptions,
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """Held-out recordings, and what is told beyond the findings."""
+
+    validation: Annotated[
+        list[Path],
+        repeatable_file_option(
+            "--validation",
+            "-v",
+            help="Held-out recording: a finding that it does not confirm is not named. It proposes nothing; may be "
+            "repeated.",
+        ),
+        READABLE_FILE,
+    ]
     next_experiment: Annotated[
         bool | None,
         typer.Option(
@@ -129,7 +138,7 @@ def diagnose(
             "By default only for --out and --json.",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     why: Annotated[
         list[str] | None,
         typer.Option(
@@ -139,7 +148,7 @@ def diagnose(
             "where it explains most.",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     limits: Annotated[
         bool,
         typer.Option(
@@ -147,7 +156,16 @@ def diagnose(
             help="Print for each effect on each joint the smallest size that these recordings would have shown.",
             show_default=False,
         ),
-    ] = False,
+    ] = False
+
+
+def diagnose(
+    model: ModelArgument,
+    measurements: Measurements,
+    reading: Reading,
+    request_options: Annotated[TypedValues, RequestOptions(DiagnosisChoices)],
+    result: OutputOptions,
+    further: DiagnosisOptions,
 ) -> None:
     """Name the physical effects that a model lacks.
 
@@ -159,37 +177,44 @@ def diagnose(
 
     identified = load_model(model)
     robot = identified.robot
-    questions = [option_parsers.parse_effect_place(text, robot.joint_names) for text in why or ()]
+    questions = [option_parsers.parse_effect_place(text, robot.joint_names) for text in further.why or ()]
     choices = request_options.build_request(DiagnosisChoices)
-    with argument_loading.read_recordings("diagnose", measurements, robot, reading, share=0.3) as data:
-        recordings, _, progress = data
+    with argument_loading.read_recordings(
+        "diagnose", measurements, robot, reading, further.validation, share=0.3
+    ) as data:
+        recordings, held_out, progress = data
         diagnosed = diagnose_model(
             identified,
             recordings,
+            validation=held_out,
             candidates=choices.candidates,
             most_effects=choices.max_effects,
             significance=choices.significance,
             hardware=choices.hardware,
             progress=progress,
         )
-        advises = next_experiment or (next_experiment is None and (result.out is not None or result.as_json))
+        is_kept = result.out is not None or result.as_json
+        advises = is_kept if further.next_experiment is None else further.next_experiment
         diagnosis: Diagnosis = diagnosed.advised_diagnosis if advises else diagnosed.diagnosis
     n_open = 0 if advises else len(diagnosed.examination.doubts)
-    extend_command = _write_extend_command(diagnosis.recommended, model, measurements, reading, result.out)
+    validation_words = [word for path in further.validation for word in ("--validation", str(path))]
+    extend_command = _write_extend_command(
+        diagnosis.recommended, [*map(str, (model, *measurements)), *validation_words], reading, result.out
+    )
     command_output.write_result(
         result,
         "diagnosis",
         lambda: contract_documents.describe_diagnosis(diagnosis, robot, diagnosed.examination.doubts),
         lambda console: printed_results.show_diagnosis(
-            console, diagnosis, robot, extend_command, questions, n_open, limits
+            console, diagnosis, robot, extend_command, questions, n_open, further.limits
         ),
     )
 
 
 def _write_extend_command(
-    recommended: Sequence[EffectChoice], model: Path, measurements: Sequence[Path], reading: Reading, out: Path | None
+    recommended: Sequence[EffectChoice], files: Sequence[str], reading: Reading, out: Path | None
 ) -> str:
-    """Write the command that adds the recommended effects, with measurements read as they were here."""
+    """Write the command that adds the recommended effects, with files (and their options) read as they were here."""
     from dynident.effects.effect_text_format import format_effect
     from dynident_cli.request_options import list_option_words
 
@@ -198,8 +223,7 @@ def _write_extend_command(
         added = ["--diagnosis", "FILE" if out is None else str(out)]
     else:
         added = ["--effects", ",".join(map(format_effect, recommended))]
-    paths = [str(path) for path in (model, *measurements)]
-    command = shlex.join(["dynident", "extend", *paths, *list_option_words(reading), *added])
+    command = shlex.join(["dynident", "extend", *files, *list_option_words(reading), *added])
     return command if "FILE" not in added else f"{command} (FILE: diagnose again with --out FILE)"
 
 
