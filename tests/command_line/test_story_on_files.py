@@ -225,7 +225,7 @@ def test_held_out_recordings_confirm_or_refuse_what_a_diagnosis_finds(desk: Path
     asked = ("diagnose", desk / "model.npz", desk / "run1.csv", "--candidates", "stribeck,offset", "--validation")
     confirmed = dynident(*asked, desk / "run2.csv")
     assert run_printed(confirmed.out)["validation"]["relative_total"] < 0.1
-    refused = dynident(*asked, write_run(tmp_path / "opposite.csv", 4, stribeck=-8.0), "--json")
+    refused = dynident(*asked, write_run(tmp_path / "without.csv", 4, stribeck=0.0), "--json")
     assert refused.document["recommended"] == []
 
 

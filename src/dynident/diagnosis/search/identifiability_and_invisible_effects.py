@@ -345,7 +345,7 @@ def _compute_confirmed_share(
             (compute_phase_squares(data, each, kind) / noise**2).sum(axis=1)
             for each in (values, without, 0.5 * (values + without))
         )
-        if after.sum() <= (1.0 - RULES.least_drop) * before.sum():
+        if after.sum() < (1.0 - RULES.least_drop) * before.sum():
             return math.inf
         # Of three points on a line of parameters, the squared errors give the square of what they predict differently.
         predicted = float((2.0 * (before + after) - 4.0 * midway)[acting].sum())
