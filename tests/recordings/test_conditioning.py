@@ -305,8 +305,10 @@ def test_rows_in_which_the_drives_are_off_are_told_and_not_used(rate):
     assert checks["corrupted_samples"].status == "ok"
 
 
-@pytest.mark.parametrize(("rate", "seconds"), [(60.0, 3.0), (200.0, 1.0), (1000.0, 30.0)])
-@pytest.mark.parametrize("with_position", [True, False])
+@pytest.mark.parametrize(
+    ("rate", "seconds", "with_position"),
+    [(60.0, 3.0, True), (60.0, 3.0, False), (200.0, 1.0, True), (200.0, 1.0, False), (1000.0, 30.0, False)],
+)
 def test_a_torque_that_is_frozen_while_others_go_on_is_told_and_not_used(rate, seconds, with_position):
     """Longer than a window, too: 30 s at 1 kHz are 30,000 rows."""
     t, values = arm_signals(55, rate, 60.0)
@@ -341,6 +343,72 @@ def test_a_joint_that_stands_exactly_still_for_a_while_is_not_frozen():
     pause = np.clip(t, None, 15.0) + np.clip(t - 20.0, 0.0, None)
     values[:, 1] = np.interp(pause, t, values[:, 1])
     assert conditioned(t, values)[1]["frozen_signals"].status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "columns", "told"),
+    [
+        ((0, 40), [N + 1], ["tau_joint2 (rows 2 to 32768, t = 32.767 s)"]),
+        ((10, 50), [1, N + 1], [f"{name}_joint2 (rows 10002 to 49152, t = 49.151 s)" for name in ("q", "tau")]),
+    ],
+)
+def test_what_showed_too_late_to_be_frozen_is_told_with_the_rows_that_are_used(seconds, columns, told):
+    """Rows are decided on in their order: before it moves, a joint stands."""
+    t, values = arm_signals(5, 1000.0, 60.0)
+    frozen = slice(*(second * 1000 for second in seconds))
+    values[frozen, columns] = values[frozen.start, columns]
+    right, checks = conditioned(t, values)
+    assert f"It showed too late to leave out {', '.join(told)}: exclude these." in checks["frozen_signals"].detail
+    first = checks["frozen_signals"].row - 1
+    assert np.isnan(right[first : frozen.stop, columns]).all()
+    np.testing.assert_array_equal(right[:first], values[:first])
+
+
+@pytest.mark.parametrize("missing", [1, 300])
+def test_a_joint_that_never_moves_and_has_no_number_at_the_end_is_not_frozen(missing):
+    t, values = arm_signals(1, 200.0)
+    values[:, 2] = 0.5
+    values[-missing:, 2] = np.nan
+    assert conditioned(t, values)[1]["frozen_signals"].status == "ok"
+
+
+@pytest.mark.parametrize("toggles", [0.0, 1e-3])
+@pytest.mark.parametrize("held", [0.0, 0.5])
+def test_joints_that_stand_while_another_moves_keep_their_torque(held, toggles):
+    """Behind a brake, or without noise in a simulation; an encoder may toggle between two counts."""
+    rate = 200.0
+    t, values = arm_signals(4, rate, 60.0)
+    signals = np.repeat(values[:1], len(t), axis=0)
+    for joint in range(N):
+        own = np.arange(len(t)) * N // len(t) == joint
+        signals[:, joint] += toggles * (np.random.default_rng(joint).random(len(t)) < 0.5)
+        signals[own, joint] = values[own, joint]
+        signals[:, N + joint] = held * np.median(values[:, N + joint])
+        signals[own, N + joint] = values[own, N + joint]
+        first, last = np.flatnonzero(own)[[0, -1]]
+        signals[:first, joint] += values[first, joint] - values[0, joint]
+        signals[last + 1 :, joint] += values[last, joint] - values[0, joint]
+    right, checks = conditioned(t, signals)
+    assert checks["frozen_signals"].status == "ok"
+    np.testing.assert_array_equal(right, signals)
+
+
+def test_a_torque_without_gravity_or_noise_is_constant_while_its_joint_moves_evenly():
+    t, values = arm_signals(4, 200.0, 60.0)
+    speed = np.where(t < 20.0, 0.1 * np.sin(np.pi * t / 5.0), 0.2 * np.clip(2.0 * np.sin(np.pi * t / 10.0), -1.0, 1.0))
+    values[:, 2] = np.cumsum(speed) / 200.0
+    values[:, N + 2] = 49.0 + 5.0 * np.gradient(speed, t) + 10.0 * speed + 3.0 * np.sign(speed)
+    right, checks = conditioned(t, values)
+    assert checks["frozen_signals"].status == "ok"
+    np.testing.assert_array_equal(right, values)
+
+
+def test_a_joint_that_rests_at_the_border_of_its_angle_is_not_frozen():
+    t, values = arm_signals(1, 200.0, 30.0)
+    values[:, 0] = wrapped(-0.4 * (1.0 - np.cos(2.0 * np.pi * np.clip(t - 2.0, 0.0, None) / 15.0)), 0.0)
+    right, checks = conditioned(t, values)
+    assert checks["frozen_signals"].status == "ok"
+    assert not np.isnan(right).any()
 
 
 def test_torques_that_stand_coarse_torques_and_saturated_ones_are_not_frozen():

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pyarrow as pa
 
-from dynident.array_types import FloatArray, IntArray
+from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.conditioning.windows_and_changed_rows import (
     MARGIN_ROWS,
@@ -86,11 +86,15 @@ RARELY = 0.02
 JUMPS = 5.0
 """Times its steps from row to row, the 1 % largest apart, that a position goes at once where it was frozen before."""
 
+BENT = 0.003
+"""rad or m off a straight line by which a joint surely speeds up or slows down: twice the count of a coarse encoder."""
+
 
 class FrozenSignals:
-    """Removes signals while they stay exactly the same although the robot moves, as where a bus loses them.
+    """Removes signals while they stay exactly the same although their joint moves, as where a bus loses them.
 
-    Torques do so while those of other joints go on; positions jump at the end, and those of joints that stand do not.
+    Torques do so while those of other joints go on, and their own joint speeds up or slows down: of one that stands, or
+    moves evenly, they may be constant. Positions jump at the end; those of joints that stand do not.
     """
 
     name = "frozen_signals"
@@ -98,65 +102,75 @@ class FrozenSignals:
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
         self._found = ChangedRows()
-        self._torques = np.array(sorted(signals.position))
-        self._positions = [signals.position[column] for column in sorted(signals.position)]
-        self._frozen_until: dict[int, int] = {}
+        # Of columns that are the same across the border of two windows: since which row, and whether it is removed.
+        self._going_on: dict[int, tuple[int, bool]] = {}
+        self._late: list[str] = []
 
     def apply(self, window: Window) -> None:
         """Remove the frozen intervals of a window."""
-        torques = window.values[:, self._torques]
         goes_on = (np.diff(window.run) == 0) & (np.diff(window.t) > 0.0)
-        same = np.zeros(torques.shape, dtype=bool)
-        same[1:] = (np.diff(torques, axis=0) == 0.0) & goes_on[:, None]
+        same = np.zeros(window.values.shape, dtype=bool)
+        same[1:] = (np.diff(window.values, axis=0) == 0.0) & goes_on[:, None]
         shortest = min(MARGIN_ROWS // 2, max(10, round(SHORTEST / self._signals.step)))
-        for joint, column in enumerate(self._torques):
-            starts, stops = find_run_edges(same[:, joint])
+        first_own, known, self._going_on = window.own.start, self._going_on, {}
+        # Positions first: where one is lost, its torque that stays the same is lost, too.
+        for column in (*self._signals.position.values(), *self._signals.position):
+            starts, stops = find_run_edges(same[:, column])
             is_long = stops - starts >= shortest
-            if not is_long.any():
-                continue
             n_long = int((stops - starts)[is_long].sum())
-            n_others = len(torques) - n_long
-            # Coarse torques repeat everywhere; of a window that is frozen as a whole the one before has told.
-            is_fine = np.count_nonzero(same[:, joint]) - n_long <= RARELY * n_others and n_others > shortest
-            ends = float(np.nanmin(torques[:, joint])), float(np.nanmax(torques[:, joint]))
-            for start, stop in zip(starts[is_long], stops[is_long], strict=True):
-                was_frozen = start <= 1 and self._frozen_until.get(int(column), -1) >= window.first_row
-                # Where all of them stay the same the robot stands; a torque at its end is saturated, and told as that.
-                others = 1.0 - np.delete(same, joint, axis=1)[start:stop].mean(axis=0)
-                is_alone = others.max(initial=0.0) >= 1.0 - RARELY
-                if is_alone and (was_frozen or (is_fine and torques[start, joint] not in ends)):
-                    self._remove(window, int(column), int(start), int(stop))
-        for column in self._positions:
-            x = window.values[:, column]
-            steps = np.where(goes_on, np.abs(np.diff(x)), 0.0)
-            starts, stops = find_run_edges(np.concatenate([[False], (np.diff(x) == 0.0) & goes_on]))
-            is_long = (stops - starts >= shortest) & (stops < len(x))
-            moves = steps[steps > 0.0]
-            if not is_long.any() or np.count_nonzero(steps == 0.0) - (stops - starts)[is_long].sum() > RARELY * len(
-                moves
-            ):
-                continue
-            far = JUMPS * np.quantile(moves, 1.0 - RARELY / 2.0)
-            for start, stop in zip(starts[is_long], stops[is_long], strict=True):
-                if steps[stop - 1] > far:
-                    self._remove(window, int(column), int(start), int(stop))
+            n_others = len(same) - n_long
+            # Coarse signals repeat everywhere; of a window that is frozen as a whole the one before has told.
+            is_fine = np.count_nonzero(same[:, column]) - n_long <= RARELY * n_others and n_others > shortest
+            is_frozen = self._is_frozen_torque if column in self._signals.position else self._is_frozen_position
+            for start, stop in zip(starts[is_long].tolist(), stops[is_long].tolist(), strict=True):
+                begin, removed = window.first_row + start, False
+                if start == 1:
+                    begin, removed = known.get(column, (begin, removed))
+                is_late = not removed and begin < window.first_row + first_own
+                if removed or (is_fine and is_frozen(window, same, column, start, stop)):
+                    removed = True
+                    window.values[start:stop, column] = np.nan
+                    window.unused[start:stop] = True
+                    own = window.select_own_rows(np.arange(start, stop))
+                    self._found.add(column, own, window.t[own - 1 - window.first_row])
+                    if is_late:
+                        until = f"{window.first_row + first_own}, t = {window.t[first_own - 1]:.6g} s"
+                        self._late.append(f"{self._signals.sources[column]} (rows {begin + 1} to {until})")
+                if start <= window.own.stop - MARGIN_ROWS + 1 < stop:
+                    self._going_on[column] = begin, removed
 
-    def _remove(self, window: Window, column: int, start: int, stop: int) -> None:
-        window.values[start:stop, column] = np.nan
-        window.unused[start:stop] = True
-        self._frozen_until[column] = window.first_row + stop - 1
-        own = window.select_own_rows(np.arange(start, stop))
-        self._found.add(column, own, window.t[own - 1 - window.first_row])
+    def _is_frozen_torque(self, window: Window, same: BoolArray, column: int, start: int, stop: int) -> bool:
+        x, position = window.values[:, column], self._signals.position[column]
+        # Where all of them stay the same the robot stands; a torque at its end is saturated, and told as that.
+        others = same[start:stop, list(self._signals.position)].mean(axis=0)
+        if others.min() > RARELY or x[start] in (np.nanmin(x), np.nanmax(x)):
+            return False
+        t, q = window.t[start:stop], window.values[start:stop, position]
+        known = np.isfinite(q)
+        if not known.any():
+            # Either the position was removed as frozen, or nobody knows whether the joint moves.
+            return bool(same[start:stop, position].any())
+        t, q = t[known], np.unwrap(q[known]) if self._signals.turning[position] else q[known]
+        return float(np.abs(q - np.interp(t, t[[0, -1]], q[[0, -1]])).max()) > BENT
+
+    def _is_frozen_position(self, window: Window, same: BoolArray, column: int, start: int, stop: int) -> bool:
+        steps = np.diff(window.values[:, column])
+        if self._signals.turning[column]:
+            steps -= 2.0 * np.pi * np.rint(steps / (2.0 * np.pi))  # the border of an angle is no jump
+        steps = np.where(np.diff(window.run) == 0, np.abs(steps), 0.0)
+        moves = steps[steps > 0.0]
+        return stop < len(same) and np.count_nonzero(JUMPS * moves >= steps[stop - 1]) < RARELY / 2.0 * len(moves)
 
     def checks(self) -> list[Check]:
-        """Report where torques were frozen."""
+        """Report where signals were frozen."""
         rows = self._found
         if not rows.n or rows.first is None:
-            return [Check(self.name, "ok", "No signal stays the same while the robot moves.")]
+            return [Check(self.name, "ok", "No frozen signal was found.")]
+        late = f" It showed too late to leave out {', '.join(self._late)}: exclude these." if self._late else ""
         detail = (
             f"{rows.n} samples, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), are exactly the one before "
-            f"although the robot moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
-            "drive was off. These rows are not used, and no filter runs across them. If the values are right"
+            f"although the joint moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a drive "
+            f"was off. These rows are not used, and no filter runs across them.{late} If the values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 
