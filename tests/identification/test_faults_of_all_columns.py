@@ -106,10 +106,12 @@ def test_friction_proves_a_sign_only_beside_other_joints_whose_drives_are_on() -
             (turned, [0.3, -0.2], [0.3, 0.2]),
             (turned, [0.3, -0.02, 0.25], [0.3, 0.02, 0.25]),
             (turned, [0.3, -0.2, 0.25], [0.3, -0.1, 0.25]),
+            (turned, [0.3, -0.2, 0.25, 0.3], [0.3, -0.2, 0.25, 0.3]),
+            (ColumnFault("torque turned", (0, 1)), [-0.3, -0.02, 0.25, 0.3], [0.3, 0.02, 0.25, 0.3]),
             (ColumnFault("torques swapped", (0, 1)), [0.3, -0.2, 0.25], [0.3, 0.2, 0.25]),
         )
     ]
-    assert proofs == [True, True, False, False, False, False]
+    assert proofs == [True, True, *[False] * 6]
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -279,6 +279,7 @@ def test_a_position_that_is_counted_anew_is_told_with_its_row(tmp_path, size):
     check = found(tmp_path, columns, "position_jump")
     assert (check.status, check.column, check.row) == ("warning", "q2", 1001)
     assert f"jumps by {size:.1g}" in check.detail
+    assert "or rows were lost there" in check.detail
 
 
 @pytest.mark.parametrize("row", [300, 1500])
@@ -290,6 +291,7 @@ def test_positions_that_are_all_set_anew_are_one_finding(tmp_path, row):
     check = found(tmp_path, columns, "position_jump")
     assert (check.status, check.row) == ("warning", row + 1)
     assert "q1, q2, q3 jump together" in check.detail
+    assert "all were set to zero again, or rows were lost there" in check.detail
 
 
 def test_lost_rows_and_a_joint_that_stops_at_once_are_no_jump(tmp_path):

@@ -249,6 +249,7 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         (b"\n\r\r\n\x1c\0\0\0", "raw frames"),
         (b"(1436509052.249713) can0 181#2A366C2B\n", "raw frames"),
         (b" (1436509052.25) can0  141   [8]  1A 70 :: Motor(Position: 1.5 deg)\n", "a line of JSON for each"),
+        (b"  vcan0  080   [0]\n  vcan0  181   [8]  00 11 22 33 44 55 66 77\n", "a line of JSON for each"),
         (b"DIAEXTENDED  {@:ENGLISH\r\n#BEGINCHANNELHEADER\r\n200,Zeit\r\n", "KUKA"),
         (b"% a run\nt = [0.0;\n0.1];\n", "script"),
         (b"<?xml version='1.0'?><log/>", "XML"),
@@ -266,6 +267,15 @@ def test_a_file_that_is_known_and_not_read_says_what_to_do(tmp_path, content, wo
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=words):
         read_sample(path)
+
+
+@pytest.mark.parametrize(
+    "header", ["Axis 1 [1];Axis 2 [1];Torque [Nm]", "Joint 1 [0];Joint 2 [0];pos [1]", "Encoder 100 [1];b;c"]
+)
+def test_a_table_whose_names_look_like_frames_of_a_bus_is_read(tmp_path, header):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{header}\n" + "".join(f"{k / 100};{k};{k + 0.5}\n" for k in range(50)))
+    assert read_sample(path).values.shape == (50, 3)
 
 
 @pytest.mark.parametrize(

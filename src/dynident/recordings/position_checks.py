@@ -5,6 +5,7 @@ Holds their thresholds, such as the fewest encoder steps (100).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import chain
 from math import pi
@@ -146,11 +147,14 @@ def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
             continue
         around = 0.5 * (steps[rows[0] - 1, joint] + steps[rows[0] + 1, joint])
         size = steps[rows[0], joint] - around
-        # Over lost rows a joint goes on as it moves; a time that was counted from the rows does not show them.
-        lost = ", or rows were lost there while the other joints moved little" if size * around > 0.0 else ""
-        why = f"while the other joints continue to move: the encoder was set to zero again, or lost counts{lost}"
+        # A time that was counted from the rows does not show those that were lost.
+        why = (
+            "while the other joints continue to move: the encoder was set to zero again, or lost counts, or rows were "
+            "lost there while the other joints moved little"
+        )
         warn([joint], int(rows[0]), f"jumps by {size:.3g}", why)
-    together = [place for place in set(chain(*places)) if 2 * sum(place in own for own in places) > len(places) > 1]
+    counts = Counter(chain(*places))
+    together = [place for place, count in counts.items() if 2 * count > len(places) > 1]
     if 1 <= len(together) <= MOST_JUMPS:
         row = int(inner[min(together)])
         joints = [joint for joint, own in enumerate(places) if min(together) in own]
@@ -158,7 +162,8 @@ def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
         ratios = (steps[row, joints] - around_all) / np.where(around_all != 0.0, around_all, np.inf)
         # Over lost rows all joints go on as they move, each for the same time.
         if not 0.0 < ratios.max() < _ALIKE * ratios.min():
-            warn(joints, row, "jump together", "farther than they move from row to row: all were set to zero again")
+            why = "farther than they move from row to row: all were set to zero again, or rows were lost there"
+            warn(joints, row, "jump together", why)
     return checks
 
 

@@ -327,7 +327,7 @@ def find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
 
 def _normalise_unit(unit: str) -> str:
     unit = unit.strip().casefold().replace("²", "^2").replace("**2", "^2").replace("-", "")
-    if unit.startswith("%"):
+    if unit.startswith("%") and "/" not in unit:
         return "%"  # whatever it is a share of: % rated
     return unit if unit in _UNITS else re.sub(r"[ *·⋅._]", "", unit)
 

@@ -451,20 +451,23 @@ def check_against_dynamics(
             nothing = f"a robot of more than {MOST_JOINTS} joints: friction alone checks them, when the file is read"
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
     unexplained = examined.unexplained
-    worst = robot.joint_names[int(np.argmax(unexplained.joints))]
+    worst = int(np.argmax(unexplained.joints))
     reason = (
-        f"share of the torque that the robot's dynamics do not explain, as the mean over the joints; for {worst} "
+        "share of the torque that the robot's dynamics do not explain, as the mean over the joints; for "
+        f"{robot.joint_names[worst]} "
         f"{format_percent(unexplained.worst_share, decimals=0)}"
     )
     # The masses of the description explain no residual: identification does not use them.
     causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
     stuck = np.flatnonzero(np.ptp(q, axis=0) == 0.0)
-    if len(stuck) and not causes and unexplained.average_share > _MUCH:
+    # What noise leaves, which goes to and fro from row to row, says nothing of a joint that stands.
+    rest = unexplained.joints[worst] * np.sqrt(np.mean(tau[:, worst] ** 2))
+    is_noise = np.median(np.abs(np.diff(tau[:, worst], 2))) > rest
+    if len(stuck) and not causes and unexplained.average_share > _MUCH and not is_noise:
         never = ", ".join(f"{names[0][joint]} ({robot.joint_names[joint]})" for joint in map(int, stuck))
         reason += (
-            f"; most probably: {never} never changes, and a joint that stands does not explain this: if it moved, its "
-            "position was not recorded, and without it the motion of the links behind it is not known. Record it, or "
-            "leave the joint out (lock) if it stood"
+            f"; {never} never changes: if it moved, its position was not recorded, and without it the motion of the "
+            "links behind it is not known. Record it, or leave the joint out (lock) if it stood"
         )
         share = f"{format_percent(unexplained.average_share, decimals=0)} unexplained"
         return [Guess("check", share, 0.4, reason), *guesses], questions

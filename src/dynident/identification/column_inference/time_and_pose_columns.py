@@ -211,9 +211,10 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
 
 
 _FEWEST_TICKS, _MOST_TICKED = 4, 0.9
+"""Changes of a coarse clock by which the rate of the rows is told; and the share of rows at which it may change."""
+
 _MANY_REPEATED = 0.2
 """Share of the rows that repeat the row before, as where two programs write one file."""
-"""Changes of a coarse clock by which the rate of the rows is told; and the share of rows at which it may change."""
 
 
 def are_columns_poses(work: WorkingProposal) -> bool:

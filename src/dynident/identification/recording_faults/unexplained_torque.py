@@ -451,6 +451,8 @@ def is_proved_by_friction(fault: ColumnFault, frictions: FloatArray, mended: Flo
     frictions, mended : (blocks, n)
         As in `find_drives_off`, of the torque as it is, and without the fault.
     """
-    is_on = fault.own_joints not in find_drives_off(frictions, _SURELY_ON)
+    own = list(fault.own_joints)
+    is_on = find_drives_off(frictions, _SURELY_ON).isdisjoint((joint,) for joint in own)
     opposed, driven = find_joints_with_friction(mended), find_joints_with_friction(-frictions)
-    return fault.kind in TURNS and is_on and bool(opposed.sum() > 2 or (opposed & driven).sum() > 1)
+    proved = opposed[own].all() and (opposed.sum() > 2 or (opposed & driven).sum() > 1)
+    return fault.kind in TURNS and is_on and bool(proved)

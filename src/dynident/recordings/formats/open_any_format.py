@@ -98,7 +98,10 @@ _TEXTS_NOT_READ = (
     (rb"^\n\r\r\n", f"{_OF_BUS} (.pcapng)."),
     (rb"^\s*<\?xml", "XML: write a table, one row for each moment, as CSV or JSON lines."),
     (rb"^\s*\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]+#", f"{_OF_BUS}: {_BY_CANTOOLS}."),
-    (rb"^\s*(?:\(\d+\.\d+\) +)?\w+ +[0-9A-Fa-f]+ +\[\d\d?\]", f"frames of a bus as text: {_BY_CANTOOLS}."),
+    (
+        rb"^\s*(?:\(\d+\.\d+\) +)?\w+ +(?:[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8}) +\[\d\d?\](?: +[0-9A-Fa-f]{2}\s|[^\S\n]*\n)",
+        f"frames of a bus as text: {_BY_CANTOOLS}.",
+    ),
     (
         rb"^[^\s,]+(?:,[^\s,=]+=[^\s,]+)+ [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)* \d{10,19}\s",
         "InfluxDB's line protocol: query it with pivot(…), one row for each moment, and write that as CSV.",
