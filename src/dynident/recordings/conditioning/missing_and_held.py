@@ -159,7 +159,8 @@ class FrozenSignals:
             steps -= 2.0 * np.pi * np.rint(steps / (2.0 * np.pi))  # the border of an angle is no jump
         steps = np.where(np.diff(window.run) == 0, np.abs(steps), 0.0)
         moves = steps[steps > 0.0]
-        return stop < len(same) and np.count_nonzero(JUMPS * moves >= steps[stop - 1]) < RARELY / 2.0 * len(moves)
+        as_far = int(np.count_nonzero(JUMPS * moves >= steps[stop - 1])) if stop < len(same) else len(steps)
+        return as_far < RARELY / 2.0 * len(moves)
 
     def checks(self) -> list[Check]:
         """Report where signals were frozen."""
