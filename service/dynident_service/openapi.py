@@ -252,10 +252,7 @@ def _wrap_type(head: str, hint: str) -> Iterator[str]:
     if hint.startswith("Sequence["):
         yield from _wrap_sequence(f"{head} ", margin, hint)
         return
-    names = hint.removeprefix("Literal[").replace("] | None", ", None").removesuffix("]")
-    yield f"{head} Literal["
-    yield from (f"{margin}    {name}," for name in names.split(", "))
-    yield f"{margin}]"
+    yield from _wrap_literal(f"{head} ", margin, hint)
 
 
 def _wrap_sequence(start: str, margin: str, hint: str) -> Iterator[str]:
@@ -263,7 +260,20 @@ def _wrap_sequence(start: str, margin: str, hint: str) -> Iterator[str]:
     if len(start) + len(hint) <= _WIDTH:
         yield f"{start}{hint}"
         return
-    yield from (f"{start}Sequence[", f"{margin}    {hint.removeprefix('Sequence[')[:-1]}", f"{margin}]")
+    yield f"{start}Sequence["
+    yield from _wrap_literal(f"{margin}    ", f"{margin}    ", hint.removeprefix("Sequence[")[:-1])
+    yield f"{margin}]"
+
+
+def _wrap_literal(start: str, margin: str, hint: str) -> Iterator[str]:
+    """Yield a type behind a start; if it is too long, the values of a `Literal[…]` in a line each."""
+    if len(start) + len(hint) <= _WIDTH:
+        yield f"{start}{hint}"
+        return
+    names = hint.removeprefix("Literal[").replace("] | None", ", None").removesuffix("]")
+    yield f"{start}Literal["
+    yield from (f"{margin}    {name}," for name in names.split(", "))
+    yield f"{margin}]"
 
 
 def _write_hint(about: Mapping[str, Any]) -> str:

@@ -78,7 +78,15 @@ class MeasurementOptions(TypedDict, total=False):
     signs: Mapping[str, float]
     """Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints (-1 to 1)"""
     skip: Sequence[
-        Literal["registers", "held_samples", "idle_drives", "frozen_signals", "corrupted_samples", "wrapped_angles", "full_duty"]
+        Literal[
+            "registers",
+            "held_samples",
+            "idle_drives",
+            "frozen_signals",
+            "corrupted_samples",
+            "wrapped_angles",
+            "full_duty",
+        ]
     ]
     """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off,
     corrupted, wrapped or at the full voltage of servos are right"""
@@ -114,7 +122,15 @@ class RevisionOptions(TypedDict, total=False):
     """Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints (-1 to 1)"""
     skip: (
         Sequence[
-            Literal["registers", "held_samples", "idle_drives", "frozen_signals", "corrupted_samples", "wrapped_angles", "full_duty"]
+            Literal[
+                "registers",
+                "held_samples",
+                "idle_drives",
+                "frozen_signals",
+                "corrupted_samples",
+                "wrapped_angles",
+                "full_duty",
+            ]
         ]
         | None
     )

@@ -434,9 +434,11 @@ class TreeFit:
         # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
         if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
             return False
-        # A torque of the wrong sign turns dry friction round, too. Where only what grows with the speed drives, the
-        # torque is logged early, or at one point of each step of a servo's command.
-        if values[:, sign].mean() > _DRIVES * np.sqrt((BLOCKS - 1) * values[:, sign].var()):
+        # A torque of the wrong sign turns dry friction round, too. Where what grows with the speed drives, and dry
+        # friction takes more than all of it gives, the torque is logged early, or at one point of each step of a
+        # servo's command.
+        dry = values[:, sign] * whole[sign, sign]
+        if dry.mean() > max(_DRIVES * np.sqrt((BLOCKS - 1) * dry.var()), -work.mean()):
             return False
         # Friction that is small beside the residual may have any sign.
         size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
