@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.ambiguities import Doubt, find_dependent_findings, find_misnamed, list_doubts
@@ -21,7 +21,7 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.decision_levels import DecisionRules
-from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, check_request
+from dynident.diagnosis.diagnosis_request import AskedLevels, build_rules, check_request
 from dynident.diagnosis.diagnosis_result import (
     Change,
     DetectionLimit,
@@ -124,9 +124,8 @@ def diagnose(
     validation: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     hardware: Mapping[str, bool] = MappingProxyType({}),
-    most_effects: int = DEFAULT_MOST_EFFECTS,
-    significance: float = DEFAULT_SIGNIFICANCE,
     progress: Progress = ignore_progress,
+    **levels: Unpack[AskedLevels],
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
 
@@ -148,12 +147,11 @@ def diagnose(
     hardware : mapping of str to bool
         Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
         states: effects of parts that are not there are not tried, unless `candidates` lists them.
-    most_effects : int
-        Largest number of recommended effects; contacts do not count.
-    significance : float
-        Largest p-value of a finding, for all candidates together.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
+    **levels : float
+        `significance`: the largest p-value of a finding, for all candidates together. `most_effects`: the largest
+        number of recommended effects; contacts do not count.
 
     Returns
     -------
@@ -172,9 +170,8 @@ def diagnose(
         validation=validation,
         candidates=candidates,
         hardware=hardware,
-        most_effects=most_effects,
-        significance=significance,
         progress=progress,
+        **levels,
     ).diagnosis
 
 
@@ -187,9 +184,8 @@ def examine(
     validation: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     hardware: Mapping[str, bool] = MappingProxyType({}),
-    most_effects: int = DEFAULT_MOST_EFFECTS,
-    significance: float = DEFAULT_SIGNIFICANCE,
     progress: Progress = ignore_progress,
+    **levels: Unpack[AskedLevels],
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
 
@@ -205,8 +201,10 @@ def examine(
         Ids of the effects to try; the whole catalogue otherwise.
     hardware : mapping of str to bool
         Whether the robot has a part, as for `diagnose`.
-    most_effects, significance, progress
-        As for `diagnose`.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    **levels : float
+        `significance` and `most_effects`, as for `diagnose`.
 
     Returns
     -------
@@ -231,7 +229,7 @@ def examine(
     tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
-    rules = DecisionRules(significance=significance, most_effects=most_effects)
+    rules = build_rules(**levels)
     # A difference between days is none of held-out recordings, of which nobody says on which day they were made.
     held_out = () if baseline else select_comparable(identification, recordings, validation)
     question = _Question(identification, recordings, held_out, comparisons, tried, resolved, floor, since, rules)

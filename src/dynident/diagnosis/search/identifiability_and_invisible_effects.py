@@ -221,9 +221,9 @@ def extend_with_findings(
             for number in numbers
             if is_only_helpful_at_first(grown, recommended[number])
         }
-        asked = [k for k in shown if k not in dropped and k not in failed and not recommended[k].runs]
-        unconfirmed = list_unconfirmed(judged, [recommended[number] for number in asked])
-        gone |= {asked[k]: reason for k, reason in unconfirmed.items() if asked[k] not in gone}
+        tested = [k for k in shown if k not in dropped and k not in failed and not recommended[k].runs]
+        unconfirmed = list_unconfirmed(judged, [recommended[number] for number in tested])
+        gone |= {tested[k]: reason for k, reason in unconfirmed.items() if tested[k] not in gone}
         if not gone:
             return grown, dropped
         dropped.update(gone)
@@ -303,8 +303,8 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
     problem = _build_problem(grown, replace(grown.choices, weigh_turns=True))
     all_columns = grown.model.kept
     own = [{column.key for column in build_columns([choice], grown.model.signals)} for choice in choices]
-    found = set[tuple[object, ...]]().union(*own)
-    plain = _solve_with(problem, [k for k, column in enumerate(all_columns) if column.key not in found])
+    added = set[tuple[object, ...]]().union(*own)
+    plain = _solve_with(problem, [k for k, column in enumerate(all_columns) if column.key not in added])
     # With another load, or another robot, the rows say nothing of what the model lacks.
     if plain is None or _is_disturbed(problem.data.torque, held_out, plain):
         return gone
