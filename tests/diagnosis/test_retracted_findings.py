@@ -43,7 +43,7 @@ from dynident.diagnosis.search.identifiability_and_invisible_effects import (
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction
+from dynident.estimation import EstimationError
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.progress import ignore_progress
@@ -229,8 +229,8 @@ def test_every_estimator_is_asked_whether_held_out_recordings_confirm_it(estimat
     plain = identify(ROBOT, [training], [validation], choices)
     _, dropped = extend_with_findings(plain, [SPRING, FALSE], [training], [validation], ignore_progress)
     assert {k: reason.code for k, reason in dropped.items()} == {1: "not_confirmed"}
-    grown = extend_at_once(plain, [SPRING], [training], [validation])
-    assert list_unconfirmed(grown, []) == {}
+    # Where no finding is left, nothing is solved.
+    assert list_unconfirmed(cast(Any, SimpleNamespace(data=SimpleNamespace(held_out="rows"))), []) == {}
 
 
 def test_what_the_description_tells_takes_part_where_some_joints_rest() -> None:
@@ -253,16 +253,16 @@ def test_what_the_description_tells_takes_part_where_some_joints_rest() -> None:
     assert is_only_helpful_at_first(extend_at_once(plain, [FALSE, saturated], [training]), saturated)
 
 
-def test_what_cannot_be_solved_without_others_is_not_tested() -> None:
+def test_what_cannot_be_solved_is_not_tested(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*asked: object) -> None:
+        raise EstimationError("no full rank")
+
     run = experiment(CASES["joint_spring"].hidden)
-    grown = extend_at_once(run.identification, [SPRING], [run.training], [run.validation])
-    still = Reduction(
-        grown.data.training.n_columns,
-        tuple(replace(equation, factors=np.zeros_like(equation.factors)) for equation in grown.data.training.equations),
-        grown.data.training.spans,
-    )
-    data = grown.data.with_changes(training=still, equations=still)
-    assert list_unconfirmed(grown.with_changes(data=data), [SPRING]) == {}
+    without = recorded(motions(0)[1], nothing, 7, "validation")
+    grown = extend_at_once(run.identification, [SPRING], [run.training], [without])
+    assert list(list_unconfirmed(grown, [SPRING])) == [0]
+    monkeypatch.setattr(identifiability_and_invisible_effects, "solve_weighted", refuse)
+    assert list_unconfirmed(grown, [SPRING]) == {}
 
 
 def loaded(mass: float) -> Callable[[Motion, FloatArray], FloatArray]:
@@ -326,27 +326,28 @@ def test_beside_what_held_out_recordings_cannot_say_the_others_are_asked(beside:
         slower = on_joint(1, lambda q, v, load: 0.02 * EFFORT[1] * warmth / 20.0 * np.sign(v))
         return springs(motion, load) + slower(motion, load)
 
-    def offset(motion: Motion, load: FloatArray) -> FloatArray:
-        return springs(motion, load) + 0.02 * EFFORT * np.eye(ROBOT.n)[1]
-
+    shift = 0.02 * EFFORT * np.eye(ROBOT.n)[1]
     training = [recorded(motion, hidden, 3, "first")]
+    validation = experiment(CASES["joint_spring"].hidden).validation
     unasked = EffectChoice("temperature_friction", (NAMES[1],))
     if beside == "runs":
-        training.append(recorded(fourier_motion(ROBOT, 40.0, 200.0, 300), offset, 4, "second"))
+        training.append(
+            recorded(fourier_motion(ROBOT, 40.0, 200.0, 300), lambda *at: springs(*at) + shift, 4, "second")
+        )
         unasked = EffectChoice("offset", (NAMES[1],), (), ("second",))
     else:
         load = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
         noise = NOISE * np.random.default_rng(3).normal(size=load.shape)
         tau = load + drives(motion) + hidden(motion, load) + noise
         training = [record(ROBOT, motion, tau, "first", temperature=30.0 + np.tile(warmth[:, None], ROBOT.n))]
-    validation = experiment(CASES["joint_spring"].hidden).validation
     plain = identify(ROBOT, training, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
     choices = [unasked, SPRING, FALSE]
     grown, dropped = extend_with_findings(plain, choices, training, [validation], ignore_progress)
     assert {k: reason.code for k, reason in dropped.items()} == {2: "not_confirmed"}
     assert set(grown.choices.effects) >= {unasked, SPRING}
-    # By itself nothing is asked of it.
-    assert extend_with_findings(plain, [unasked], training, [validation], ignore_progress)[1] == {}
+    # They may have what the second run has, but nobody says so.
+    alike = recorded(motions(0)[1], lambda *at: springs(*at) + shift, 5, "validation")
+    assert extend_with_findings(plain, choices, training, [alike], ignore_progress)[1] == {}
 
 
 def test_only_levels_that_act_can_be_named() -> None:
