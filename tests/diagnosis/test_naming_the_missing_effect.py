@@ -31,7 +31,6 @@ from support.oracles import fourier_motion
 from dynident.advice import advise
 from dynident.diagnosis import Diagnosis, compare, diagnose, diagnose_model, examine
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool, build_pool_of_choices
-from dynident.diagnosis.diagnosis_result import Invisible
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
@@ -385,15 +384,15 @@ def test_refining_constants_tells_its_progress_and_can_be_cancelled(monkeypatch)
         refine_constants(model, [Finding(scored, (), 0.001)], inputs, resolved, cancel)
 
 
-def test_what_cannot_be_added_once_a_wrong_name_is_gone_is_none_of_the_findings(monkeypatch):
+@pytest.mark.parametrize("code", ["cannot_be_added", "not_confirmed", "no_help_once_added"])
+def test_what_is_dropped_once_a_wrong_name_is_gone_is_none_of_the_findings(monkeypatch, code):
     calls = []
 
     def extend(model, choices, recordings, validation, progress):
-        calls.append([choice.effect for choice in choices])
+        calls.append([(choice.effect, choice.joints) for choice in choices])
         if len(calls) == 1:
             return extend_with_findings(model, choices, recordings, validation, progress)
-        invisible = Invisible(choices[0].effect, choices[0].joints, "it cannot be added")
-        return model, {0: (invisible, Reason.build("cannot_be_added", detail="none"))}
+        return model, {0: Reason.build(code, detail="none", share=0.1, least=0.5)}
 
     def hidden(motion, load):
         tau = CASES["load_dependent_friction"].hidden(motion, load)
@@ -405,7 +404,8 @@ def test_what_cannot_be_added_once_a_wrong_name_is_gone_is_none_of_the_findings(
     found = diagnose(run.identification, [run.training], candidates=FAST)
     assert [len(choices) for choices in calls] == [2, 1]
     assert found.recommended == ()
-    assert calls[1][0] in [item.effect for item in found.not_visible]
+    # Only what could not be put to the test may be there unseen.
+    assert (calls[1][0] in [(item.effect, item.joints) for item in found.not_visible]) is (code == "cannot_be_added")
 
 
 def test_further_proposals_leave_the_numbers_of_all_earlier_columns():

@@ -37,3 +37,24 @@ def test_a_ripple_is_added_as_it_was_found_and_by_its_name_alone_with_the_wave_t
         better = live.identifications.extend(model, [added]).wait()
         assert better.result["effects"][-1]["shape_parameters"] == found["shape_parameters"]
         assert better.result["validation"]["relative_total"] < 0.7 * model.result["validation"]["relative_total"]
+
+
+def test_held_out_recordings_of_other_days_refuse_nothing(live: Client) -> None:
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    drive = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
+    new = {
+        "effect": "torque_ripple",
+        "joints": [robot.joints[0]["name"]],
+        "parameters": {"Ac": 2.0, "As": 1.0},
+        "shape_parameters": {"k": 17.0},
+    }
+    trajectory = {"duration": 10.0, "periods": 2, "sampling_rate": 200.0}
+    runs = []
+    for seed, effects in ((1, drive), (2, drive), (3, [*drive, new])):
+        made = live.simulations.create(robot, effects=effects, seed=seed, trajectory=trajectory).wait()
+        runs.append(live.measurements.get(made.result["measurement_id"]))
+    model = live.identifications.create(robot, runs[:1], validation=runs[1:2]).wait()
+    later = live.diagnoses.create(model, measurements=runs[2:]).wait()
+    assert [found["effect"] for found in later.result["recommended"]] == ["torque_ripple"]
+    # The recording that was held out can be diagnosed itself.
+    assert live.diagnoses.create(model, measurements=runs[1:2]).wait().result["recommended"] == []

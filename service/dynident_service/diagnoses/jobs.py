@@ -47,8 +47,9 @@ def diagnose_model(task: Task) -> Outcome:
     model = load_stored_model(task, request.identification_id)
     recordings = open_stored_recordings(task, measurement_ids)
     earlier = open_stored_recordings(task, request.baseline_ids)
-    # What is diagnosed is not held out.
-    held_out_ids = [key for key in identification.request.get("validation_ids", ()) if key not in measurement_ids]
+    # Held-out recordings are of the days of the identification, and the robot of other recordings may differ since.
+    is_own = set(measurement_ids) <= set(identification.request["measurement_ids"])
+    held_out_ids = identification.request.get("validation_ids", ()) if is_own else ()
     # What is known of the robot now, which may be more than when the model was identified.
     robot = task.resources.get("robot", identification.get_dependency("robot")).request
     stated = {**dict.fromkeys(robot.get("has", ()), True), **dict.fromkeys(robot.get("has_not", ()), False)}

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
+from dynident.diagnosis.search.identifiability_and_invisible_effects import compute_error_ratio
 from dynident.effects import get_effect
 from dynident.identification import Identification
 from dynident.number_format import format_percent
@@ -17,11 +18,8 @@ from dynident.robot.joint import join_joint_names
 
 def compute_held_out_ratio(identification: Identification) -> float:
     """Return the error on held-out data over that of the fit, where joints move, each joint in units of its fit."""
-    held_out, fit = identification.held_out_moving, identification.fit_moving
-    if held_out is None:
-        return math.nan
-    known = (held_out.counts > 0) & (fit.counts > 0) & (fit.rms > 0)
-    return float(np.sqrt(np.mean((held_out.rms[known] / fit.rms[known]) ** 2))) if known.any() else math.nan
+    held_out = identification.held_out_moving
+    return math.nan if held_out is None else compute_error_ratio(held_out, identification.fit_moving)
 
 
 def conclude(

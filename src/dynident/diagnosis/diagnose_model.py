@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.ambiguities import Doubt, find_dependent_findings, find_misnamed, list_doubts
@@ -21,7 +21,7 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.decision_levels import DecisionRules
-from dynident.diagnosis.diagnosis_request import check_request
+from dynident.diagnosis.diagnosis_request import AskedLevels, build_rules, check_request
 from dynident.diagnosis.diagnosis_result import (
     Change,
     DetectionLimit,
@@ -39,7 +39,7 @@ from dynident.diagnosis.diagnosis_summary import (
     select_verdict,
     word_summary,
 )
-from dynident.diagnosis.disturbances import PUSH
+from dynident.diagnosis.disturbances import PUSH, select_comparable
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution, compute_resolution
@@ -69,6 +69,7 @@ from dynident.diagnosis.search.identifiability_and_invisible_effects import (
     extend_with_findings,
     find_invisible,
     list_too_large_limits,
+    list_unaddable,
 )
 from dynident.diagnosis.search.pruning import RefinedModel
 from dynident.diagnosis.search.search_state import (
@@ -124,7 +125,7 @@ def diagnose(
     candidates: Sequence[str] | None = None,
     hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
-    **levels: float,
+    **levels: Unpack[AskedLevels],
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
 
@@ -149,7 +150,8 @@ def diagnose(
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
     **levels : float
-        Levels of `DecisionRules` that differ from its own, such as `significance` and `most_effects`.
+        `significance`: the largest p-value of a finding, for all candidates together. `most_effects`: the largest
+        number of recommended effects; contacts do not count.
 
     Returns
     -------
@@ -183,7 +185,7 @@ def examine(
     candidates: Sequence[str] | None = None,
     hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
-    **levels: float,
+    **levels: Unpack[AskedLevels],
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
 
@@ -193,19 +195,16 @@ def examine(
         The identified model.
     recordings : sequence of Recording
         The data to learn from, as for `diagnose`.
-    baseline : sequence of Recording, optional
-        Earlier recordings of the same robot, as for `diagnose`.
-    validation : sequence of Recording, optional
-        Held-out recordings that confirm findings, as for `diagnose`.
+    baseline, validation : sequence of Recording, optional
+        Earlier recordings of the same robot, and held-out ones, as for `diagnose`.
     candidates : sequence of str, optional
         Ids of the effects to try; the whole catalogue otherwise.
     hardware : mapping of str to bool
-        Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
-        states: effects of parts that are not there are not tried, unless `candidates` lists them.
+        Whether the robot has a part, as for `diagnose`.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
     **levels : float
-        Levels of `DecisionRules`, as for `diagnose`.
+        `significance` and `most_effects`, as for `diagnose`.
 
     Returns
     -------
@@ -230,9 +229,9 @@ def examine(
     tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
-    rules = DecisionRules(**levels)
+    rules = build_rules(**levels)
     # A difference between days is none of held-out recordings, of which nobody says on which day they were made.
-    held_out = () if baseline else validation
+    held_out = () if baseline else select_comparable(identification, recordings, validation)
     question = _Question(identification, recordings, held_out, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
@@ -312,7 +311,7 @@ def examine(
         candidates=ranked,
         recommended=missing,
         unknown=unknown,
-        not_visible=hidden + list_too_large_limits(limits, hidden),
+        not_visible=hidden + list_too_large_limits(limits, hidden, ranking.outcomes),
         failure_map=build_failure_map(comparisons),
         changes=changes,
         friction=friction,
@@ -439,12 +438,13 @@ def _identify_with_findings(
 ) -> _Refined:
     """Identify the model with findings, less those that cannot be added or explain nothing any more in it."""
     identification, recordings = question.identification, question.recordings
-    grown, undetermined = extend_with_findings(identification, recommended, recordings, question.validation, progress)
-    record.dropped.update((findings[k].judged.candidate, reason) for k, (_, reason) in undetermined.items())
-    findings, recommended = _drop_findings(findings, recommended, list(undetermined))
+    grown, dropped = extend_with_findings(identification, recommended, recordings, question.validation, progress)
+    record.dropped.update((findings[k].judged.candidate, reason) for k, reason in dropped.items())
+    undetermined = list_unaddable(recommended, dropped)
+    findings, recommended = _drop_findings(findings, recommended, list(dropped))
     is_extended = grown is not identification
     final = [compare(grown, recording) for recording in recordings] if is_extended else list(question.comparisons)
-    return _Refined(findings, recommended, grown, tuple(item for item, _ in undetermined.values()), final)
+    return _Refined(findings, recommended, grown, undetermined, final)
 
 
 def _list_differences(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
-from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.decision_levels import RULES, DecisionRules
 from dynident.errors import DynidentError
 from dynident.robot.limits_and_drives import HARDWARE, check_hardware
 from dynident.schema.fields import Request, declare_field
@@ -18,6 +18,28 @@ DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
 """Contacts do not count: they are events of a recording, not effects of the arm."""
 
 DEFAULT_SIGNIFICANCE = RULES.significance
+
+
+class AskedLevels(TypedDict, total=False):
+    """The levels of the decision that a request may set: the others hold for all recordings."""
+
+    significance: float
+    most_effects: int
+
+
+def build_rules(
+    *, significance: float = DEFAULT_SIGNIFICANCE, most_effects: int = DEFAULT_MOST_EFFECTS
+) -> DecisionRules:
+    """Return the levels of the decision with those of a request; another name is an error.
+
+    Parameters
+    ----------
+    significance : float
+        Largest p-value of a finding, for all candidates together.
+    most_effects : int
+        Largest number of recommended effects; contacts do not count.
+    """
+    return DecisionRules(significance=significance, most_effects=most_effects)
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,15 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.diagnosis.diagnosis_result import UnknownPattern
 from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.search_state import Finding, gather_state
-from dynident.effects import CATALOGUE, EffectChoice
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, OutlyingSpan, concatenate_reductions, find_outlying_spans
+from dynident.estimation import EstimationError, OutlyingSpan, Reduction, concatenate_reductions, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.identification.identified_models.fit_model import identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
+from dynident.recordings.pose_recordings import has_poses
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 
@@ -143,32 +144,9 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     """Find the spans of time that stand out, try a push on each, and leave them out."""
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
-    parts = [
-        reduce_recordings(model.observation, RegressorInputs([recording], preprocessing, reference))
-        for recording in recordings
-    ]
-    outlying = find_outlying_spans(concatenate_reductions(parts))
-    if not outlying.spans:
+    disturbances, windowed = _cut_disturbances(identification, recordings)
+    if not disturbances:
         return UndisturbedData(identification, tuple(recordings), ())
-    solution = replace(identification.estimate.solution, values=outlying.values)
-    # The residual of each span is taken from the parameters that were fitted without all of them.
-    undisturbed = replace(identification, estimate=replace(identification.estimate, solution=solution))
-    last = np.cumsum([part.n_blocks for part in parts])
-    disturbances: list[Disturbance] = []
-    for span in outlying.spans:
-        # `last` holds the number of blocks up to the end of each recording.
-        number = int(np.searchsorted(last, span.first, side="right"))
-        disturbances.append(
-            _build_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number]))
-        )
-    windowed = [
-        _cut_out(
-            recording,
-            [disturbance for disturbance in disturbances if disturbance.recording == number],
-            _compute_filter_width(identification),
-        )
-        for number, recording in enumerate(recordings)
-    ]
     try:
         reidentified = identify_model(
             model, windowed, (), identification.choices, preprocessing, reference, ignore_progress
@@ -188,7 +166,67 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
         explained = [
             replace(disturbance, contact=None, cause=_word_push(disturbance, reidentified)) for disturbance in explained
         ]
-    return UndisturbedData(reidentified, tuple(windowed), tuple(explained))
+    return UndisturbedData(reidentified, windowed, tuple(explained))
+
+
+def select_comparable(
+    identification: Identification, recordings: Sequence[Recording], validation: Sequence[Recording]
+) -> tuple[Recording, ...]:
+    """Select the held-out recordings that show what those of the fit show, without their disturbed seconds.
+
+    Poses show no motion, commands no torque, and those with another load than stated for the fit another robot.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model, identified without disturbed seconds.
+    recordings, validation : sequence of Recording
+        The recordings of the fit, and held-out ones.
+    """
+    loads = [recording.payload or None for recording in recordings]
+    needs_temperature = any(get_effect(choice.effect).needs_temperature for choice in identification.choices.effects)
+    alike = [
+        recording
+        for recording in validation
+        if not has_poses(recording)
+        and not recording.torque_from_commands
+        and (recording.payload or None) in loads
+        and (recording.has_temperature or not needs_temperature)
+    ]
+    return _cut_disturbances(identification, alike, identification.data.training)[1] if alike else ()
+
+
+def _cut_disturbances(
+    identification: Identification, recordings: Sequence[Recording], beside: Reduction | None = None
+) -> tuple[list[Disturbance], tuple[Recording, ...]]:
+    """Find the spans of time that stand out in recordings, beside other data if any; return these also without them."""
+    model, preprocessing = identification.model, identification.preprocessing
+    reference = identification.estimate.next_reference()
+    parts = [
+        reduce_recordings(model.observation, RegressorInputs([recording], preprocessing, reference))
+        for recording in recordings
+    ]
+    outlying = find_outlying_spans(concatenate_reductions([*parts, *([] if beside is None else [beside])]))
+    # `last` holds the number of blocks up to the end of each recording.
+    last = np.cumsum([part.n_blocks for part in parts])
+    own = [span for span in outlying.spans if span.first < last[-1]]
+    if not own:
+        return [], tuple(recordings)
+    solution = replace(identification.estimate.solution, values=outlying.values)
+    # The residual of each span is taken from the parameters that were fitted without all of them.
+    undisturbed = replace(identification, estimate=replace(identification.estimate, solution=solution))
+    disturbances: list[Disturbance] = []
+    for span in own:
+        number = int(np.searchsorted(last, span.first, side="right"))
+        disturbances.append(
+            _build_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number]))
+        )
+    width = _compute_filter_width(identification)
+    windowed = tuple(
+        _cut_out(recording, [disturbance for disturbance in disturbances if disturbance.recording == number], width)
+        for number, recording in enumerate(recordings)
+    )
+    return disturbances, windowed
 
 
 def _build_disturbance(span: OutlyingSpan, number: int, recording: Recording, comparison: Comparison) -> Disturbance:

@@ -232,7 +232,10 @@ def _word_unstable(_step: int | None, values: Values) -> str:
 def _word_not_confirmed(_step: int | None, values: Values) -> str:
     share = float(values["share"])
     change = "grows" if share < 0.0 else f"falls by {_percent(share)} of what it would if all of it were right"
-    return f"Held-out recordings do not confirm it: their error {change}; {_percent(values['least'], 1)} is required."
+    return (
+        f"Held-out recordings do not confirm it: their squared error {change}; {_percent(values['least'], 1)} is "
+        "required."
+    )
 
 
 _SENTENCES: Mapping[ReasonCode, Callable[[int | None, Values], str]] = MappingProxyType(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,31 +16,21 @@ from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
-from dynident.diagnosis.outcome_reasons import Reason
+from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction, solve_weighted
+from dynident.estimation import Errors, EstimationError, PriorInformation, Reduction, solve_weighted
 from dynident.estimation.least_squares import compute_noise_levels
-from dynident.identification import Identification
+from dynident.estimation.outlying_spans import OUTLYING_RATIO
+from dynident.identification import Identification, IdentificationChoices
+from dynident.identification.estimation_problem import Problem
 from dynident.identification.identified_models.add_effects import extend_at_once
-from dynident.identification.identified_models.remove_and_solve_again import reidentify
 from dynident.number_format import format_percent
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
-from dynident.recordings.pose_recordings import has_poses
-from dynident.regressors.errors_by_phase import FittedPhase, compute_phase_squares
+from dynident.regressors.errors_by_phase import FittedPhase, compute_moving_errors, compute_phase_squares
 from dynident.regressors.row_phases import remembers_path, shows_at_starts
-
-_AT_FIRST = (
-    "it explains a part of the residual of this model, but it does not explain that part once the model is "
-    "identified with it: the motion hardly determines the torque that it depends on"
-)
-
-_UNCONFIRMED = (
-    "it explains a part of the residual of the recordings of the fit, but held-out recordings do not have the torque "
-    "that it predicts there"
-)
 
 _NOTHING_PREDICTED = 1e-6
 """Squared torque that an effect predicts of held-out rows, as a share of their squared error: less is rounding."""
@@ -72,7 +63,20 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
     )
 
 
-def list_too_large_limits(limits: Sequence[DetectionLimit], hidden: Sequence[Invisible]) -> tuple[Invisible, ...]:
+def list_unaddable(choices: Sequence[EffectChoice], dropped: Mapping[int, Reason]) -> tuple[Invisible, ...]:
+    """List the effects that cannot be added; others that were dropped, by number, have shown and are not there."""
+    return tuple(
+        Invisible(
+            choices[number].effect, choices[number].joints, f"it cannot be added: {dict(reason.values)['detail']}"
+        )
+        for number, reason in dropped.items()
+        if reason.code == "cannot_be_added"
+    )
+
+
+def list_too_large_limits(
+    limits: Sequence[DetectionLimit], hidden: Sequence[Invisible], outcomes: Sequence[CandidateOutcome]
+) -> tuple[Invisible, ...]:
     """List the effects that would not show even in their usual size.
 
     Parameters
@@ -81,8 +85,12 @@ def list_too_large_limits(limits: Sequence[DetectionLimit], hidden: Sequence[Inv
         The detection limits.
     hidden : sequence of Invisible
         What could not have shown for other reasons, and is not repeated.
+    outcomes : sequence of CandidateOutcome
+        What became of every effect: what was found first and then refused has shown.
     """
     known = {(invisible.effect, invisible.joints) for invisible in hidden}
+    refused = [outcome.choice for outcome in outcomes if outcome.reason.code in ("not_confirmed", "no_help_once_added")]
+    known |= {(choice.effect, (joint,)) for choice in refused for joint in choice.joints}
     return tuple(
         _build_invisible(limit) for limit in limits if limit.share > 1.0 and (limit.effect, limit.joints) not in known
     )
@@ -191,67 +199,59 @@ def extend_with_findings(
     recordings: Sequence[Recording],
     validation: Sequence[Recording],
     progress: Progress,
-) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
-    """Extend the model by all recommended effects; return also, by number, those that cannot be added or do not help.
+) -> tuple[Identification, dict[int, Reason]]:
+    """Extend the model by all recommended effects; return also, by number, why some cannot be added or do not help.
 
-    First-order effects are about the torque that the model with all of them predicts.
+    First-order effects are about the torque that the model with all of them predicts. Held-out recordings without
+    temperature say nothing of what needs it, and what some runs alone have, they may have as well.
     """
-    undetermined: dict[int, tuple[Invisible, Reason]] = {}
-    while numbers := [number for number in range(len(recommended)) if number not in undetermined]:
-        choices = [recommended[number] for number in numbers]
-        held_out = validation if can_confirm(choices, validation) else ()
-        try:
-            grown = extend_at_once(identification, choices, recordings, held_out, progress)
-        except DynidentError:
-            grown, failed = _extend_one_by_one(identification, recommended, numbers, recordings, held_out, progress)
-            undetermined.update(failed)
-            numbers = [number for number in numbers if number not in failed]
+    dropped: dict[int, Reason] = {}
+    is_warm = all(recording.has_temperature for recording in validation)
+    while numbers := [number for number in range(len(recommended)) if number not in dropped]:
+        shown = [k for k in numbers if is_warm or not get_effect(recommended[k].effect).needs_temperature]
+        held_out = validation if shown == numbers else ()
+        grown, failed = _extend(identification, recommended, numbers, recordings, held_out, progress)
+        dropped.update(failed)
+        judged = grown
+        if shown != numbers:
+            judged, failed = _extend(identification, recommended, shown, recordings, validation, progress)
+        numbers = [number for number in numbers if number not in dropped]
         gone = {
-            number: (_AT_FIRST, Reason.build("no_help_once_added"))
+            number: Reason.build("no_help_once_added")
             for number in numbers
             if is_only_helpful_at_first(grown, recommended[number])
         }
-        unconfirmed = list_unconfirmed(grown, [recommended[number] for number in numbers])
-        gone |= {numbers[k]: (_UNCONFIRMED, reason) for k, reason in unconfirmed.items() if numbers[k] not in gone}
+        tested = [k for k in shown if k not in dropped and k not in failed and not recommended[k].runs]
+        unconfirmed = list_unconfirmed(judged, [recommended[number] for number in tested])
+        gone |= {tested[k]: reason for k, reason in unconfirmed.items() if tested[k] not in gone}
         if not gone:
-            return grown, undetermined
-        for number, (why, reason) in gone.items():
-            choice = recommended[number]
-            undetermined[number] = Invisible(choice.effect, choice.joints, why), reason
-    return identification, undetermined
+            return grown, dropped
+        dropped.update(gone)
+    return identification, dropped
 
 
-def can_confirm(choices: Sequence[EffectChoice], validation: Sequence[Recording]) -> bool:
-    """Return whether held-out recordings can say whether effects are there.
-
-    Those that some runs alone have, held-out ones may have as well; poses show no motion, commands no torque; and
-    nobody knows how warm joints were.
-    """
-    if any(has_poses(recording) or recording.torque_from_commands for recording in validation):
-        return False
-    is_warm = all(recording.has_temperature for recording in validation)
-    return all(not choice.runs and (is_warm or not get_effect(choice.effect).needs_temperature) for choice in choices)
-
-
-def _extend_one_by_one(
+def _extend(
     identification: Identification,
     recommended: Sequence[EffectChoice],
     numbers: Sequence[int],
     recordings: Sequence[Recording],
     validation: Sequence[Recording],
     progress: Progress,
-) -> tuple[Identification, dict[int, tuple[Invisible, Reason]]]:
-    """Extend the model by one effect after another where one of them cannot be added, first-order effects last."""
-    grown, failed = identification, dict[int, tuple[Invisible, Reason]]()
+) -> tuple[Identification, dict[int, Reason]]:
+    """Extend the model by effects at once; where one of them cannot be added, one by one, first-order effects last."""
+    grown, failed = identification, dict[int, Reason]()
+    if not numbers:
+        return grown, failed
+    with suppress(DynidentError):
+        choices = [recommended[number] for number in numbers]
+        return extend_at_once(identification, choices, recordings, validation, progress), failed
     ordered = sorted(numbers, key=lambda number: get_effect(recommended[number].effect).first_order)
     for k, number in enumerate(ordered):
-        choice = recommended[number]
         own_progress = scale_progress(progress, k / len(ordered), (k + 1) / len(ordered))
         try:
-            grown = extend_at_once(grown, [choice], recordings, validation, own_progress)
+            grown = extend_at_once(grown, [recommended[number]], recordings, validation, own_progress)
         except DynidentError as error:
-            invisible = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
-            failed[number] = invisible, Reason.build("cannot_be_added", detail=error.detail)
+            failed[number] = Reason.build("cannot_be_added", detail=error.detail)
     return grown, failed
 
 
@@ -266,12 +266,19 @@ def is_only_helpful_at_first(grown: Identification, choice: EffectChoice) -> boo
         return False
     # Columns of the same effect may be in the model already, with other runs or shape constants.
     own = {column.key for column in build_columns([choice], grown.model.signals)}
-    others = [k for k, column in enumerate(grown.model.kept) if column.key not in own]
-    now, without = (
-        compute_noise_levels(rows, solve_weighted(rows).values)
-        for rows in (grown.data.training, grown.data.training.select_columns(others))
-    )
-    return not (now**2 <= (1.0 - RULES.least_drop) * without**2).any()
+    everything = range(grown.model.n_parameters)
+    others = [k for k in everything if grown.model.kept[k].key not in own]
+    problem = _build_problem(grown, grown.choices)
+    with_it, without = (_solve_with(problem, columns) for columns in (everything, others))
+    if with_it is None or without is None:
+        return False
+    now, before = (compute_noise_levels(problem.data.torque, values) for values in (with_it, without))
+    return not (now**2 <= (1.0 - RULES.least_drop) * before**2).any()
+
+
+def _build_problem(grown: Identification, choices: IdentificationChoices) -> Problem:
+    """Return what a model is solved from, and what is known beside, with other choices."""
+    return Problem.from_choices(grown.model, choices, grown.data.to_data(grown.estimate.reference))
 
 
 def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> dict[int, Reason]:
@@ -290,21 +297,24 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
     """
     held_out = grown.data.held_out
     gone: dict[int, Reason] = {}
-    if held_out is None:
+    if held_out is None or not choices:
         return gone
     # As it will be used: a few rows at reversals, where play and filters show, must not decide what moving rows judge.
-    if grown.choices.plan.from_reduced:
-        grown = reidentify(grown, replace(grown.choices, weigh_turns=True))
-    training, all_columns = grown.data.training, grown.model.kept
+    problem = _build_problem(grown, replace(grown.choices, weigh_turns=True))
+    all_columns = grown.model.kept
     own = [{column.key for column in build_columns([choice], grown.model.signals)} for choice in choices]
+    added = set[tuple[object, ...]]().union(*own)
+    plain = _solve_with(problem, [k for k, column in enumerate(all_columns) if column.key not in added])
+    # With another load, or another robot, the rows say nothing of what the model lacks.
+    if plain is None or _is_disturbed(problem.data.torque, held_out, plain):
+        return gone
     while len(gone) < len(choices):
         others = [number for number in range(len(choices)) if number not in gone]
         dropped = {key for number in gone for key in own[number]}
         columns = [k for k, column in enumerate(all_columns) if column.key not in dropped]
-        parameters = _solve_with(training, columns)
         shares = {
             number: _compute_confirmed_share(
-                grown, held_out, parameters, [k for k in columns if all_columns[k].key in own[number]], columns
+                grown, held_out, problem, [k for k in columns if all_columns[k].key in own[number]], columns
             )
             for number in others
         }
@@ -315,24 +325,46 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
     return gone
 
 
-def _solve_with(training: Reduction, columns: Sequence[int]) -> FloatArray:
-    """Return the parameters (c,) of the data's columns that least squares gives to some of them; the others are 0."""
+def _is_disturbed(training: Reduction, held_out: Reduction, values: FloatArray) -> bool:
+    """Return whether held-out rows as a whole stand out from those of the fit as much as a disturbed span."""
+    errors = (compute_moving_errors(reduction, values) for reduction in (held_out, training))
+    return compute_error_ratio(*errors) ** 2 > OUTLYING_RATIO
+
+
+def compute_error_ratio(held_out: Errors, fit: Errors) -> float:
+    """Return the error on held-out data over that of the fit, each joint in units of its fit; NaN without either."""
+    known = (held_out.counts > 0) & (fit.counts > 0) & (fit.rms > 0)
+    return float(np.sqrt(np.mean((held_out.rms[known] / fit.rms[known]) ** 2))) if known.any() else math.nan
+
+
+def _solve_with(problem: Problem, columns: Sequence[int]) -> FloatArray | None:
+    """Return the parameters (c,) that fit best with some of the columns, 0 for the others; None without a solution."""
+    own, training, known = list(columns), problem.data.torque, problem.known
+    if known is not None:
+        known = PriorInformation(known.factor[:, own], known.right)
     parameters = np.zeros(training.n_columns)
-    parameters[list(columns)] = solve_weighted(training.select_columns(columns)).values
+    try:
+        parameters[own] = solve_weighted(training.select_columns(own), known).values
+    except EstimationError:
+        return None
     return parameters
 
 
 def _compute_confirmed_share(
-    grown: Identification, data: Reduction, values: FloatArray, own: Sequence[int], columns: Sequence[int]
+    grown: Identification, data: Reduction, problem: Problem, own: Sequence[int], columns: Sequence[int]
 ) -> float:
     """Return the squared error that some columns remove from held-out rows, as a share of the torque they predict.
 
     On the joints that they act on, whatever other parameters make of the others; of the kind of rows that speaks most
-    for them, of those on which they claim to act. Infinite where they predict nothing, and where they lower the error
-    of all joints noticeably: then the parameters of other joints are better with them.
+    for them, of those on which they claim to act. Infinite where they predict nothing, where nothing can be solved
+    without them, and where they lower the error of all joints noticeably: then the parameters of other joints are
+    better with them.
     """
-    without = _solve_with(grown.data.training, [k for k in columns if k not in own])
-    observation, noise = grown.model.observation, np.where(grown.noise > 0, grown.noise, 1.0)[:, None]
+    values, without = _solve_with(problem, columns), _solve_with(problem, [k for k in columns if k not in own])
+    if values is None or without is None:
+        return math.inf
+    observation, noise = grown.model.observation, compute_noise_levels(problem.data.torque, values)
+    noise = np.where(noise > 0, noise, 1.0)[:, None]
     acting = [bool(set(own) & set(equation.columns.tolist())) for equation in data.equations]
     kinds: list[FittedPhase] = ["moving"]
     if remembers_path(observation, grown.model.signals)[list(own)].any():
