@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib import import_module
+from threading import Barrier
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.drawn_recordings import log, read
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
+from dynident.identification.estimation_problem import ShapeUncertainty
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors import row_cache
 from dynident.regressors.model_structure import build_model, extend_model
@@ -154,6 +159,34 @@ def test_deviations_warnings_and_lower_steps_are_computed_when_they_are_asked_fo
     assert "list_warnings" not in computed
     assert model.warnings is model.warnings
     assert computed.count("list_warnings") == 1
+
+
+def test_nothing_is_read_from_the_file_of_a_recording_afterwards(tmp_path):
+    given = log("ur10", 3, 100.0)
+    recording = read(given.robot, tmp_path, given.columns()).recording
+    added = (STRIBECK, STEPS[0][0])
+    model = extend(identify(given.robot, [recording], choices=CHOICES), added, [recording])
+    kept = to_bytes(extend(identify(given.robot, [recording], choices=CHOICES), added, [recording]))
+    whole = identify(given.robot, [recording], choices=replace(CHOICES, effects=(*PLAIN, STRIBECK)))
+    recording.path.unlink()
+    assert to_bytes(model) == kept
+    assert model.step.parent.step.added == (STRIBECK,)
+    for step in (model.step.parent, whole):
+        assert step.data.shaped is not None
+        assert np.all(step.statistics.standard_deviations > 0.0)
+
+
+def test_two_models_may_be_computed_at_the_same_time():
+    # Each waits for the other, as one model's deviations do for those of the model that it is a part of.
+    both = Barrier(2)
+    fitted = SimpleNamespace(solution=SimpleNamespace(values=np.zeros(1)))
+
+    def meet(_: np.ndarray) -> None:
+        both.wait(10.0)
+
+    shapes = [ShapeUncertainty.from_fit(None, fitted, meet) for _ in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(lambda each: each.linearisation, shapes)) == [None, None]
 
 
 @pytest.mark.parametrize("known", [(), (STRIBECK,)], ids=["added", "in the model"])

@@ -16,7 +16,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation.least_squares import floor_noise
 from dynident.estimation.row_weights import BISQUARE, HUBER, estimate_robust_scale
-from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification import Identification, IdentificationChoices, from_bytes, identify, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors import row_cache as rows_module
 
@@ -64,6 +64,13 @@ def test_pushes_that_mislead_least_squares_leave_the_robust_estimate_where_it_wa
     found = identified("irls", True)
     inside = np.abs(found.values - truth(found)) < 2.0 * found.statistics.standard_deviations
     assert inside.mean() > 0.9
+
+
+def test_rows_without_weight_are_no_noise_also_after_reading_the_file():
+    calm, pushed = identified("irls", False), identified("irls", True)
+    np.testing.assert_allclose(pushed.noise, calm.noise, rtol=0.1)
+    assert np.all(identified("wls", True).noise[JOINTS] > 5 * pushed.noise[JOINTS])
+    np.testing.assert_array_equal(from_bytes(to_bytes(pushed)).noise, pushed.noise)
 
 
 def test_the_pushes_are_named_with_joint_and_time():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +24,7 @@ from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.shape_constant_intervals import linearise_shapes
 from dynident.identification.standard_parameters import StandardParameters
-from dynident.parallel import Deferring
+from dynident.parallel import Deferring, defer
 from dynident.regressors.model_structure import Model
 
 
@@ -126,41 +125,62 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class ShapeUncertainty:
+class ShapeUncertainty(Deferring):
     """What the joints' torques say of the shape constants of a fit; nothing is computed before it is asked for.
 
     Parameters
     ----------
-    problem : Problem
-        Equations of the data, and prior knowledge.
     fitted : Fit
-        What was solved from them.
-    reduce : callable or None
-        Gives, for parameters (b,), the torques in the model's columns and, behind them, those of the constants; None
-        where nobody can look at these.
+        What was solved from the equations of the data.
+    reduction : Reduction or None
+        Torques with the columns of the constants; None where nobody can look at these.
+    linearisation : LinearisedSolution or None
+        Torques linearised about the constants, whatever rows the parameters were solved from.
     """
 
-    problem: Problem
     fitted: Fit
-    reduce: Callable[[FloatArray], Reduction | None] | None
+    reduction: Reduction | None
+    linearisation: LinearisedSolution | None
 
-    @cached_property
-    def reduction(self) -> Reduction | None:
-        """Torques with the columns of the constants."""
-        # These columns are derivatives of the torque, so they need the parameters of the fit.
-        reduction = None if self.reduce is None else self.reduce(self.fitted.solution.values)
-        return None if reduction is None else reduction.weight_groups(self.problem.data.reversal_weights)
+    @classmethod
+    def from_fit(
+        cls, problem: Problem, fitted: Fit, reduce: Callable[[FloatArray], Reduction | None] | None
+    ) -> ShapeUncertainty:
+        """Return what is computed of a fit when it is asked for.
 
-    @cached_property
-    def linearisation(self) -> LinearisedSolution | None:
-        """Torques linearised about the constants, whatever rows the parameters were solved from."""
-        if self.reduction is None:
-            return None
-        data, solution = self.problem.data, self.fitted.solution
-        # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
-        if data.equations is not data.torque:
-            solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
-        return linearise_shapes(self.problem.model, solution, self.problem.covariance, self.reduction)
+        Parameters
+        ----------
+        problem : Problem
+            Equations of the data, and prior knowledge.
+        fitted : Fit
+            What was solved from them.
+        reduce : callable or None
+            Gives, for parameters (b,), the torques in the model's columns and, behind them, those of the constants;
+            None where nobody can look at these.
+
+        Returns
+        -------
+        ShapeUncertainty
+            With both fields deferred.
+        """
+
+        def reduce_torque() -> Reduction | None:
+            # These columns are derivatives of the torque, so they need the parameters of the fit.
+            reduction = None if reduce is None else reduce(fitted.solution.values)
+            return None if reduction is None else reduction.weight_groups(problem.data.reversal_weights)
+
+        def linearise() -> LinearisedSolution | None:
+            if shapes.reduction is None:
+                return None
+            data, solution = problem.data, fitted.solution
+            # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque
+            # rows.
+            if data.equations is not data.torque:
+                solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
+            return linearise_shapes(problem.model, solution, problem.covariance, shapes.reduction)
+
+        shapes = cls(fitted, defer(reduce_torque), defer(linearise))
+        return shapes
 
     @property
     def statistics(self) -> Statistics:

@@ -247,14 +247,6 @@ class ReducedData(Deferring):
         """Whether the equations are those of the joints' torques, as those of the dynamic model are."""
         return self.equations is self.training
 
-    @property
-    def has_equal_weights(self) -> bool:
-        """Whether the equations are rows of the joints' torques, of which none counts for less than others."""
-        reversals = [
-            equation.weighted_rows for equation in self.training.equations if equation.weighted_rows is not None
-        ]
-        return self.is_fitted_to_torque and all(rows.weight == 1.0 for rows in reversals)
-
     def combine_columns(self, weights: FloatArray) -> ReducedData:
         """Return the same data in other columns.
 

@@ -14,7 +14,7 @@ from dynident.errors import DynidentError
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification.equations.model_and_data_checks import check_recordings, check_runs, check_temperature
 from dynident.identification.equations.reduced_recordings import reduce_torque, split_friction_tests
-from dynident.identification.identified_models.fit_model import identify_model
+from dynident.identification.identified_models.fit_model import identify_model, is_read_again
 from dynident.identification.identified_models.gravity_from_poses import ACTING_AT_REST, are_poses, identify_poses
 from dynident.identification.identified_models.held_out_gain import (
     SURE_T,
@@ -28,7 +28,7 @@ from dynident.identification.identified_models.identify_from_recordings import (
     solve_for_reference,
 )
 from dynident.identification.identified_models.remove_and_solve_again import solve_submodel
-from dynident.identification.shape_refinement import reduce_with_shapes
+from dynident.identification.shape_refinement import list_shape_variables, reduce_with_shapes
 from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
 from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -374,8 +374,8 @@ def _add_together(
             larger = solve_submodel(grown, model, choices[number], leading, shaped)
         below = defer(partial(solve_step, number - 1)) if number else identification
         step = _add_step(larger, LadderStep(below, added=(choice,)))
-        if grown.in_memory.training is None:
-            # Recordings that are not in memory are read while they are at hand.
+        # Without shape constants no step reads a recording, and neither does one below it.
+        if list_shape_variables(model.effects) and is_read_again(recordings, grown.in_memory.training):
             _ = step.step.parent, step.data.shaped
         return step
 

@@ -42,6 +42,7 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
+from dynident.regressors.row_cache import CachedRows
 
 if TYPE_CHECKING:
     from dynident.identification.identified_models.identification_result import Estimate, Identification
@@ -371,7 +372,7 @@ def finalise_identification(
     reduced = reduced.with_changes(equations=data.equations, training=data.torque)
     fitted = solve_by_strategy(choices, problem)
     values = fitted.solution.values
-    shapes = ShapeUncertainty(problem, fitted, shaped)
+    shapes = ShapeUncertainty.from_fit(problem, fitted, shaped)
     reduced = reduced.with_changes(shaped=defer(lambda: shapes.reduction))
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
@@ -390,6 +391,8 @@ def finalise_identification(
         standard=fitted.standard,
         shape_constants=defer(lambda: judge_shape_constants(model, shapes.linearisation)),
     )
+    if choices.solver.robust:
+        estimate = estimate.with_robust_noise()
     result = Identification(
         estimate=estimate,
         choices=choices,
@@ -400,6 +403,11 @@ def finalise_identification(
         warnings=(),
     )
     return result.with_changes(warnings=defer(lambda: fitted.warnings + list_warnings(result)))
+
+
+def is_read_again(recordings: Sequence[Recording], rows: CachedRows | None) -> bool:
+    """Tell whether rows with shape constants are read from files, which may be gone or others when somebody asks."""
+    return rows is None or any(recording.path is not None for recording in recordings)
 
 
 def identify_model(
@@ -457,8 +465,8 @@ def identify_model(
             model, replace(inputs, recordings=validation), scale_progress(progress, share, 0.9), known.held_out
         )
     progress(0.9, "solving")
-    # Rows that are not in memory are read again while the recordings are at hand, all others when they are asked for.
-    later = scale_progress(progress, 0.9, 1.0) if training.rows is None else ignore_progress
+    at_once = is_read_again(recordings, training.rows)
+    later = scale_progress(progress, 0.9, 1.0) if at_once else ignore_progress
 
     def reduce_shapes(values: FloatArray) -> Reduction | None:
         # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
@@ -477,7 +485,7 @@ def identify_model(
         from_commands=any(recording.torque_from_commands for recording in (*recordings, *validation)),
     )
     identified = finalise_identification(model, choices, training, data, shaped=reduce_shapes)
-    if training.rows is None:
+    if at_once:
         _ = identified.data.shaped
     held_out_rows = None if held_out is None else held_out.rows
     return identified.with_changes(in_memory=RowsInMemory(training.rows, held_out_rows))

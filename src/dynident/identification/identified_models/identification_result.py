@@ -231,6 +231,10 @@ class Estimate(Deferring):
             for k, column in enumerate(self.model.kept)
         )
 
+    def with_robust_noise(self) -> Estimate:
+        """Return the estimate with the noise of its own statistics, where rows without weight do not count."""
+        return self.with_changes(noise=floor_noise(self.statistics.noise))
+
     def standard_inertia(self) -> FloatArray:
         """Return standard inertial parameters (10 n,) that give the same torque.
 

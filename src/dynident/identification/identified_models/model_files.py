@@ -222,7 +222,7 @@ def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Ide
         shape_constants=_read_shape_constants(header, model),
     )
     return Identification(
-        estimate=estimate,
+        estimate=estimate.with_robust_noise() if choices.solver.robust else estimate,
         choices=choices,
         data=data,
         fit=_read_errors(arrays, "fit"),

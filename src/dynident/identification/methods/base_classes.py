@@ -26,8 +26,9 @@ class Estimator(RegistryEntry, ABC):
     `weighs_turns`: so do rows where a joint turns round, apart from the joint's other rows.
     `simulates`: it integrates the dynamic model along the recordings. `possible_bodies`: its results are bodies that
     can exist; `possible_where_free`: its result is moved to such bodies where the fit hardly changes.
-    `tells_convergence`: its own warnings say whether it has settled. `priors`: names of those that it is compared with
-    when methods are.
+    `robust`: rows that the model does not explain lose their weight, so that its estimates and noise are not those of
+    least squares of all rows. `tells_convergence`: its own warnings say whether it has settled. `priors`: names of
+    those that it is compared with when methods are.
     """
 
     # Facts about the class and no options of a request: warnings, checks and messages ask them instead of names.
@@ -38,6 +39,7 @@ class Estimator(RegistryEntry, ABC):
     simulates: ClassVar[bool] = False
     possible_bodies: ClassVar[bool] = False
     possible_where_free: ClassVar[bool] = False
+    robust: ClassVar[bool] = False
     tells_convergence: ClassVar[bool] = False
     priors: ClassVar[tuple[str, ...]] = ()
 

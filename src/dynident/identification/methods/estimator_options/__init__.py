@@ -47,6 +47,7 @@ class Robust(Estimator):
     words = "Rows with large residuals have less weight: for recordings with contacts, jumps or other outliers."
     brief = "robust"
     place = 3
+    robust = True
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
