@@ -114,11 +114,13 @@ class Model(ModelResults):
     def compare_f_test(self, restricted: Model | Identification) -> FTest:
         """Test whether what this model has beyond a smaller one is more than noise.
 
-        It is a Wald test on this model's estimates: what the smaller model lacks is zero, and what it takes as known
-        has that value. Residuals are correlated, so independent rows are counted by blocks of time, as the standard
-        deviations do; with the covariance "independent" it is the test of statsmodels. An effect whose shape constants
-        were searched on the same data looks surer than it is; held-out errors (`dy.Ladder`) do not have this fault, and
-        compare models that are not nested.
+        It is a Wald test: what the smaller model lacks is zero, and what it takes as known has that value. The
+        parameters are this model's for the estimator "irls". For every other one they are least squares of its rows,
+        without limits such as those of "feasible". Residuals are correlated, so independent rows are counted by blocks
+        of time, as the standard deviations do. With one joint and the covariance "independent" it is the test of
+        statsmodels; several joints have each their noise. An effect whose shape constants were searched on the same
+        data looks surer than it is; held-out errors (`dy.Ladder`) do not have this fault, and compare models that are
+        not nested.
 
         Parameters
         ----------
@@ -133,7 +135,7 @@ class Model(ModelResults):
         Raises
         ------
         DynidentError
-            Where the models are of other data, or not nested.
+            Where the models are of other data, know different values, or are not nested.
 
         Examples
         --------

@@ -262,8 +262,9 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
 
     The smaller model's parameters are those of the larger one under linear conditions: parameters of effects that it
     lacks are zero, and parameters that it takes as known have their values. The test is on the estimates of the larger
-    model, with the covariance that was chosen for it; that over blocks of time has as many degrees of freedom as there
-    are blocks, and the test is Hotelling's.
+    model where that is robust, and else on weighted least squares of its rows, without the limits of bodies that can
+    exist. The covariance is the one that was chosen for it; that over blocks of time has as many degrees of freedom as
+    there are blocks, and the test is Hotelling's.
 
     Parameters
     ----------
@@ -281,8 +282,9 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         Where the models are of other data, or the smaller one is no part of the larger one.
     """
     _check_same_data(larger, smaller)
-    own, known = larger.model, {name: (value, error) for name, value, error in smaller.choices.trust.known}
-    assumed = {name for name, _, _ in larger.choices.trust.known}
+    _check_same_knowledge(larger, smaller)
+    own, known = larger.model, _list_known(smaller)
+    assumed = set(_list_known(larger))
     keys = [column.key for column in own.columns]
     strangers = [column.name for column in smaller.model.columns if column.key not in keys]
     if strangers or not assumed <= set(known):
@@ -298,8 +300,12 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
     tested = {name: pair for name, pair in known.items() if name not in assumed}
     free = [k for k, column in enumerate(own.columns) if column.key in present and column.name not in tested]
     equations, kind = larger.data.equations, larger.choices.covariance
-    full = _solve_plainly(larger)
-    uncertainty = statistics(equations, full, kind)
+    # Essential parameters are least squares without the weights of rows, and the others have no deviation.
+    if larger.choices.solver.robust and not larger.estimate.not_essential:
+        full, uncertainty = larger.estimate.solution, larger.statistics
+    else:
+        full = _solve_plainly(larger)
+        uncertainty = statistics(equations, full, kind)
     # Parameters in units of their standard deviations: kg and kg m² would not compare.
     deviations = np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny)
     grouping = own.base.grouping / deviations[:, None]
@@ -335,14 +341,43 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
 
 
 def _check_same_data(larger: Identification, smaller: Identification) -> None:
+    # Recordings of one name may hold other samples; files of earlier versions and poses have no digests.
+    has_digests = larger.data.digests and smaller.data.digests
     ways = [
-        (sorted(model.data.measurement_names), model.preprocessing, model.choices.model) for model in (larger, smaller)
+        (
+            sorted(model.data.digests if has_digests else model.data.measurement_names),
+            model.preprocessing,
+            model.choices.model,
+            model.choices.weigh_turns,
+        )
+        for model in (larger, smaller)
     ]
     if ways[0] != ways[1]:
         raise DynidentError(
-            "the models are of other recordings, filters or equations, so a test of what one has beyond the other does "
-            "not apply: identify both from the same recordings with filters=model.filters, or compare their errors on "
-            "held-out data",
+            "the models are of other recordings, filters, equations or weights, so a test of what one has beyond the "
+            "other does not apply: identify both from the same recordings with filters=model.filters, or compare their "
+            "errors on held-out data",
+            pointer="restricted",
+            title="Models that are not nested",
+        )
+
+
+def _list_known(identification: Identification) -> dict[str, tuple[float, float]]:
+    """Return the known values of a model with their standard deviations, by name."""
+    return {name: (value, error) for name, value, error in identification.choices.trust.known}
+
+
+def _check_same_knowledge(larger: Identification, smaller: Identification) -> None:
+    """Raise where models use other values of what both know, or the description in other ways."""
+    own, known = _list_known(larger), _list_known(smaller)
+    others = [name for name in own if name in known and own[name] != known[name]]
+    priors = [replace(model.choices.trust, known=()) for model in (larger, smaller)]
+    # Its usual error counts for nothing without the description.
+    if others or (priors[0] != priors[1] and any(prior.prior for prior in priors)):
+        reason = f"know different values of {', '.join(others)}" if others else "use the description in different ways"
+        raise DynidentError(
+            f"the models {reason}, so neither is part of the other: identify both with the same, or compare their "
+            "errors on held-out data",
             pointer="restricted",
             title="Models that are not nested",
         )
