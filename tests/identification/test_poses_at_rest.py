@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
@@ -117,6 +119,16 @@ def test_the_model_is_kept_in_files_compared_and_extended():
         extend(found, [EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 2.0)))], [learnt])
     with pytest.raises(DynidentError, match="poses at rest show only gravity"):
         diagnose(found, [learnt])
+
+
+def test_what_is_known_beside_poses_is_a_parameter_of_theirs():
+    learnt = recorded("ur10", 0)
+    for name in ("M99", "Fc1"):
+        with pytest.raises(DynidentError, match=f"no parameter '{name}'") as raised:
+            identify(arm("ur10"), [learnt], [], replace(CHOICES, known={name: 1.0}))
+        assert raised.value.pointer == "/known"
+    found = identify(arm("ur10"), [learnt], [], replace(CHOICES, known={"b2": 0.7}))
+    assert next(p.value for p in found.parameters if p.name == "b2") == pytest.approx(0.7, rel=1e-4)
 
 
 def test_poses_beside_a_motion_are_refused_in_words():

@@ -12,7 +12,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_weighted_factor, solve
-from dynident.identification import Identification, IdentificationChoices, identify, remove
+from dynident.identification import Identification, IdentificationChoices, identify, reidentify, remove
 from dynident.identification.description_prior import NormalPrior, build_normal_prior, build_prior, split_prior
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
@@ -278,7 +278,10 @@ def test_a_known_inertia_of_a_motor_is_kept_in_what_the_motion_does_not_tell():
     found = identify(robot, [recording], choices=choices)
     rotor = [column.name for column in found.model.columns].index("Ia1")
     assert found.estimate.standard.values[rotor] == pytest.approx(0.33, rel=1e-3)
-    assert any("change no parameter: Ia1 (in ZZ1" in warning for warning in found.warnings)
+    warning = next(warning for warning in found.warnings if "change no parameter: Ia1 (in ZZ1" in warning)
+    assert "where bodies with them can exist" in warning
+    # A product of inertia and a first moment may be negative.
+    identify(robot, [recording], choices=replace(CHOICES, prior=None, known={"XY3": -0.01, "MX3": -0.1}))
     # Together with the drawing of the link the sum is known.
     together = identify(robot, [recording], choices=replace(choices, prior="description", estimator="wls"))
     assert not any("change no parameter" in warning for warning in together.warnings)
@@ -300,6 +303,17 @@ def test_what_is_known_of_an_effect_goes_with_it():
     identified = identify(arm("ur10"), [run()], choices=replace(CHOICES, prior=None, known={"Ia3": 0.2, "Fv1": 2.0}))
     smaller = remove(identified, [EffectChoice("viscous")])
     assert smaller.choices.known == {"Ia3": 0.2}
+    without = replace(identified.choices, effects=tuple(e for e in EFFECTS if e.effect != "viscous"))
+    again = reidentify(identified, without)
+    assert again.choices.known == {"Ia3": 0.2}
+    np.testing.assert_allclose(again.values, smaller.values)
+    with pytest.raises(DynidentError, match="no parameter 'Fv9'"):
+        reidentify(identified, replace(without, known={"Fv9": 1.0}))
+
+
+def test_choices_are_alike_in_whatever_order_values_are_known():
+    one, other = (replace(CHOICES, prior=None, known=known) for known in ({"Fc1": 1, "Fc2": 2}, {"Fc2": 2, "Fc1": 1}))
+    assert len({one, other}) == 1
 
 
 @pytest.mark.parametrize(
@@ -307,6 +321,9 @@ def test_what_is_known_of_an_effect_goes_with_it():
     [
         ({"known": {"Fc9": 1.0}}, "/known", "no parameter 'Fc9'"),
         ({"known": {"Fc1": 1.0}, "strategy": "sequential"}, "/known", "global"),
+        ({"known": {"M2": -3.0}}, "/known", "known M2 is -3, but no mass"),
+        ({"known": {"YY5": -0.01}}, "/known", "known YY5 is -0.01, but no mass"),
+        ({"known": {"Ia3": -0.2}}, "/known", "known Ia3 is -0.2, but no mass"),
         ({"known_errors": {"Fc1": 1.0}}, "/known_errors", "no value of it"),
         ({"known": {"Fc1": 1.0}, "known_errors": {"Fc1": 0.0}}, "/known_errors/Fc1", "above 0"),
         (

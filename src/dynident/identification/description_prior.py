@@ -17,7 +17,7 @@ of p.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +45,8 @@ from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 _EXACT = 1e-6
 # Below so many standard deviations a known parameter moves nothing: it is rounding.
 _MOVED = 1e-3
+# Of a link's parameters those that no body has below zero.
+_NEVER_NEGATIVE = ("XX", "YY", "ZZ", "M")
 # Share of the largest singular value below which a combination has no error of its own but rounding.
 _NULL = 1e-9
 
@@ -406,29 +408,38 @@ def _state_known(model: Model, belief: NormalPrior, trust: DescriptionTrust) -> 
     return NormalPrior(mean, size, stated, np.diag(errors))
 
 
-def check_known(model: Model, known: Iterable[str]) -> None:
-    """Raise where a known parameter is none of the model.
+def check_known(model: Model, known: Mapping[str, float]) -> None:
+    """Raise where a known parameter is none of the model, or a mass or a moment of inertia below zero.
 
     Parameters
     ----------
     model : Model
         The model, with its base parameters' columns.
-    known : iterable of str
-        Names of the known parameters.
+    known : mapping of str to float
+        Values of the known parameters, by name.
 
     Raises
     ------
     DynidentError
-        Names the parameters that there are.
+        Names the parameter, and those that there are.
     """
-    names = [column.name for column in model.columns]
-    for name in known:
+    columns = {column.name: column for column in model.columns}
+    names = list(columns)
+    for name, value in known.items():
         if name not in names:
             raise DynidentError(
                 f"the model has no parameter {name!r}{suggest_names(name, names)}; its parameters are: "
                 f"{', '.join(names)}",
                 pointer="/known",
                 title="Unknown parameter",
+            )
+        role, parameter = get_role(columns[name]), columns[name].parameter
+        if value < 0 and (role == "rotor" or (role == "link" and parameter in _NEVER_NEGATIVE)):
+            raise DynidentError(
+                f"the known {name} is {value:g}, but no mass and no moment of inertia is below zero; give the value of "
+                "a body that can exist",
+                pointer="/known",
+                title="Impossible value",
             )
 
 

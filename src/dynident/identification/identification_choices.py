@@ -5,7 +5,7 @@ Holds which choices exclude each other, and what is chosen by default; also the 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,7 @@ from dynident.schema.fields import Choice, OneOf, Request, declare_field
 from dynident.schema.registry import get_kind_name
 
 if TYPE_CHECKING:
+    from dynident.effects import Column
     from dynident.estimation import CovarianceName
     from dynident.recordings import Preprocessing
 
@@ -194,7 +195,7 @@ class IdentificationChoices(Request):
 
     def __hash__(self) -> int:
         # Mappings have none of their own.
-        return hash((self.effects, self.model, self.strategy, self.prior, *self.known.items()))
+        return hash((self.effects, self.model, self.strategy, self.prior, frozenset(self.known.items())))
 
     @property
     def solver(self) -> Estimator:
@@ -242,8 +243,9 @@ class IdentificationChoices(Request):
         """Whether rows of the joints' torques count by their noise where a joint turns round."""
         return self.weigh_turns and self.model == "dynamic" and self.solver.weighs_turns
 
-    def keep_known(self, names: Collection[str]) -> IdentificationChoices:
-        """Return the choices with what is known of these parameters alone, by their names."""
+    def keep_known(self, columns: Iterable[Column]) -> IdentificationChoices:
+        """Return the choices with what is known of the parameters of these columns alone."""
+        names = {column.name for column in columns}
         known, errors = (
             {name: number for name, number in numbers.items() if name in names}
             for numbers in (self.known, self.known_errors)

@@ -18,6 +18,7 @@ from dynident.effects import CATALOGUE, LINKS, OFFSETS, EffectChoice, ReferenceP
 from dynident.errors import DynidentError
 from dynident.estimation import FactorAccumulator, Reduction
 from dynident.estimation.parameter_covariance import NORMAL_95
+from dynident.identification.description_prior import check_known
 from dynident.identification.equations.reduced_recordings import Data, ReducedData
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import finalise_identification
@@ -99,6 +100,7 @@ def identify_poses(
         choices, effects=effects, model="dynamic", strategy="global", preprocessing=filters, weigh_turns=False
     )
     model = build_model_at_rest(robot, effects, choices.tolerance)
+    check_known(model, choices.known)
     equations = reduce_poses(model, recordings)
     data = Data(equations, equations, tuple(recordings), filters, ReferenceParameters.massless(robot))
     reduced = ReducedData(

@@ -64,13 +64,13 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     """
     check_reduced_data(identification, choices)
     known = identification.model
+    check_known(known, choices.known)
     model, part, data = known, None, identification.data
     if choices.effects != known.effects:
         model, weights = build_submodel(known, choices.effects, choices.tolerance)
         part, data = SubmodelRelation(known, weights), data.combine_columns(weights)
-    check_known(model, choices.known)
     # The filters are those that the reduced data went through, whatever the choices leave open.
-    chosen = replace(choices, preprocessing=identification.choices.preprocessing)
+    chosen = replace(choices.keep_known(model.columns), preprocessing=identification.choices.preprocessing)
     identified = finalise_identification(
         model,
         chosen,
@@ -312,8 +312,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     remaining = subtract_effects(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=remaining)
     model, weights = build_submodel(known, remaining, choices.tolerance)
-    choices = choices.keep_known({column.name for column in model.columns})
-    smaller = solve_submodel(identification, model, choices, weights)
+    smaller = solve_submodel(identification, model, choices.keep_known(model.columns), weights)
     return smaller.with_changes(step=LadderStep(identification, removed=tuple(removed)))
 
 

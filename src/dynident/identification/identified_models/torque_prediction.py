@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
-from dynident.effects import get_effect
+from dynident.effects import LINKS, get_effect
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification.identified_models.identification_result import Estimate
@@ -316,6 +316,35 @@ def compute_friction(estimate: Estimate, q: FloatArray, dq: FloatArray, ddq: Flo
         q, dq, ddq, reference=estimate.reference, memory=observation.compute_sliding_states(dq)
     )
     return observation.compute_torque(entries, np.where(is_friction, estimate.values, 0.0))
+
+
+def check_simulated(estimate: Estimate, mass: FloatArray) -> None:
+    """Raise where a model gives no acceleration, with what helps.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model with its parameters.
+    mass : (m, n, n)
+        Its mass matrices.
+
+    Raises
+    ------
+    DynidentError
+        Where the torque of a joint was not recorded, or a mass matrix is not positive definite.
+    """
+    silent = ", ".join(estimate.model.robot.joints_without_torque)
+    if silent:
+        reason = f"the torque of {silent} was not recorded, so its friction is not known; record that of every joint"
+    elif (np.linalg.eigvalsh(mass) > 0.0).all():
+        return
+    elif estimate.model.is_at_rest:
+        reason = "the model is one of poses at rest, which show no inertia; identify from a motion"
+    elif not any(choice.effect == LINKS.effect for choice in estimate.model.effects):
+        reason = f"the model has no inertia of the links; identify with the effect {LINKS.effect}"
+    else:
+        reason = 'the mass matrix of this model is not positive definite here; identify with estimator="feasible"'
+    raise DynidentError(reason, pointer="q", title="No forward dynamics")
 
 
 def _evaluate_inertia(estimate: Estimate, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:

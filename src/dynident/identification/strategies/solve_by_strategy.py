@@ -104,7 +104,7 @@ def _doubt_known(choices: IdentificationChoices, problem: Problem) -> list[str]:
     if unused:
         warnings.append(
             f"Known values that change no parameter: {'; '.join(unused)}. The motion shows only these sums, of which "
-            "other parts are unknown. Links of an export have the known values."
+            "other parts are unknown. Links of an export have the known values where bodies with them can exist."
         )
     try:
         without = build_prior(model, replace(trust, known=()))
