@@ -12,8 +12,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque
+from support.poses_at_rest import poses
 
 import dynident as dy
+from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
 from dynident.recordings import recording_from_arrays
 from dynident.robot import to_pinocchio
 
@@ -275,6 +277,34 @@ def test_the_acceleration_is_the_one_whose_torque_is_given(model: dy.Model, stat
         late.forward_dynamics(q, dq, torque)
 
 
+def test_a_model_without_inertia_says_what_to_identify_for_a_simulation(
+    robot: dy.Robot, runs: dy.Recordings, state: tuple[np.ndarray, ...]
+) -> None:
+    rubbing = dy.identify(robot, runs[:1], effects=["coulomb", "viscous"])
+    with pytest.raises(dy.DynidentError, match="no inertia of the links; identify with the effect rigid_body"):
+        rubbing.forward_dynamics(*state)
+    given = arm("ur10")
+    t, q, tau = poses(given, 60, 0)
+    standing = dy.identify(given, recording_from_arrays(t, q, tau, joint_names=given.joint_names))
+    with pytest.raises(dy.DynidentError, match="poses at rest, which show no inertia; identify from a motion"):
+        standing.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6))
+
+
+def test_a_robust_model_is_tested_with_the_weights_of_its_rows(robot: dy.Robot, desk: Path) -> None:
+    pushed = pytest.importorskip("pandas").read_csv(desk / "run1.csv")
+    pushed.loc[300:320, "tau2"] += 50.0
+    data = dy.read_recordings(pushed, robot=robot)
+    robust = dy.identify(robot, data, estimator="irls")
+    known = dy.IdentificationChoices(known={"Fc2": 3.0})
+    fixed = dy.identify(robot, data, estimator="irls", filters=robust.filters, choices=known)
+    t = (robust.params["Fc2"] - 3.0) / robust.bse["Fc2"]
+    assert robust.compare_f_test(fixed).f_value == pytest.approx(t**2, rel=1e-6)
+    # Parameters that were set to zero have no deviation to be divided by.
+    essential = dy.Model(essential_parameters(robust.identification).identification)
+    assert essential.identification.estimate.not_essential
+    assert 0.0 < essential.compare_f_test(fixed).p_value < 1.0
+
+
 def test_what_is_there_is_more_than_noise_and_what_is_not_there_is_none(
     model: dy.Model, robot: dy.Robot, runs: dy.Recordings
 ) -> None:
@@ -291,13 +321,45 @@ def test_what_is_there_is_more_than_noise_and_what_is_not_there_is_none(
     assert test.f_value == pytest.approx(t**2, rel=0.02)
 
 
-def test_models_that_are_not_nested_are_refused(model: dy.Model, robot: dy.Robot, runs: dy.Recordings) -> None:
+def test_models_that_are_not_nested_are_refused(
+    model: dy.Model, robot: dy.Robot, runs: dy.Recordings, desk: Path
+) -> None:
     with pytest.raises(dy.DynidentError, match="does not have b1"):
         model.compare_f_test(model.extend("offset@shoulder"))
     with pytest.raises(dy.DynidentError, match="the same parameters"):
         model.compare_f_test(model)
-    with pytest.raises(dy.DynidentError, match="other recordings, filters"):
-        model.compare_f_test(dy.identify(robot, runs[1:], filters=model.filters))
+    choices, data = dy.IdentificationChoices, runs[:1]
+    # Other recordings, also those of the same name, and rows with other weights.
+    shorter = dy.read_recordings(desk / "run1.csv", robot=robot, windows=[(0.0, 8.0)])
+    assert shorter.names == data.names
+    for other in (
+        dy.identify(robot, runs[1:], filters=model.filters),
+        dy.identify(robot, shorter, filters=model.filters),
+        dy.identify(robot, data, filters=model.filters, choices=choices(weigh_turns=False)),
+    ):
+        with pytest.raises(dy.DynidentError, match="other recordings, filters"):
+            model.compare_f_test(other)
+    # Two models that know different values, and two that use the description in different ways.
+    three, nine, bounded, believing, sure = (
+        dy.identify(robot, data, filters=model.filters, choices=choices(**known))
+        for known in (
+            {"known": {"Fc2": 3.0}},
+            {"known": {"Fc2": 9.0}},
+            {"known": {"Fc2": 3.0}, "known_errors": {"Fc2": 0.1}},
+            {"prior": "description"},
+            {"prior": "description", "prior_error": 0.01},
+        )
+    )
+    grown = three.extend("offset@shoulder")
+    assert grown.compare_f_test(three).df_diff == 1
+    for other in (nine, bounded):
+        with pytest.raises(dy.DynidentError, match="know different values of Fc2"):
+            grown.compare_f_test(other)
+    believed = believing.extend("offset@shoulder")
+    assert believed.compare_f_test(believing).df_diff == 1
+    for other in (model, sure):
+        with pytest.raises(dy.DynidentError, match="the description in different ways"):
+            believed.compare_f_test(other)
     with pytest.raises(dy.DynidentError, match="give the smaller model"):
         model.compare_f_test("model.npz")  # type: ignore[arg-type]
 
@@ -335,6 +397,17 @@ def test_a_model_is_exported_in_the_format_of_the_ending(model: dy.Model, tmp_pa
     assert "note: " in repr(model.export(tmp_path / "arm.urdf"))
     with pytest.raises(dy.DynidentError, match=r"must end in \.json, \.urdf, .* or \.dat"):
         model.export(tmp_path / "arm.txt")
+
+
+def test_a_model_is_exported_without_an_effect_of_which_a_value_is_known(
+    robot: dy.Robot, runs: dy.Recordings, tmp_path: Path
+) -> None:
+    known = dy.IdentificationChoices(known={"b1": 0.1, "Fc3": 3.0})
+    model = dy.identify(robot, runs[:1], effects=["default", "offset@shoulder"], choices=known)
+    model.export(tmp_path / "arm.urdf")
+    friction = ElementTree.parse(tmp_path / "arm.urdf").find("joint[@name='quill']/dynamics")
+    assert friction is not None
+    assert float(friction.attrib["friction"]) == pytest.approx(3.0, rel=1e-3)
 
 
 def test_a_model_that_is_not_to_be_used_is_exported_only_where_that_is_wanted(

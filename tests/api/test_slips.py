@@ -262,6 +262,8 @@ def test_a_drawn_slip_names_the_argument_before_anything_is_computed(number: int
 
 
 def test_python_itself_says_which_argument_is_missing(desk_of_slips: Desk) -> None:
+    with pytest.raises(TypeError, match="takes 2 positional arguments but 3 were given"):
+        dy.identify(desk_of_slips["robot"], desk_of_slips["runs"], "wls")  # type: ignore[misc]
     with pytest.raises(TypeError, match="missing 1 required positional argument: 'recordings'"):
         dy.identify(desk_of_slips["robot"])  # type: ignore[call-arg]
 

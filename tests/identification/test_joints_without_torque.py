@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.drawn_recordings import FloatArray, guess, log, read
 
+import dynident as dy
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -209,4 +210,6 @@ def test_nothing_is_predicted_of_a_joint_without_torque(folder: Path) -> None:
     for values in (predicted.torque, predicted.lower, predicted.upper, predicted.mean_half_width):
         assert (np.isnan(values) == (np.arange(n) == joint)).all()
     silent = model.model.robot.joint_names[joint]
+    with pytest.raises(DynidentError, match=f"the torque of {silent} was not recorded"):
+        dy.Model(model).forward_dynamics(q, q, q)
     assert not [column.name for column in model.model.kept if column.link == silent and column.effect == "viscous"]

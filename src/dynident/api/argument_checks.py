@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Container, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
 from numbers import Integral, Real
@@ -164,8 +165,8 @@ def check_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
             _check_for_fields(owner, kwargs, signature.parameters)
             _check_for_other_names(owner, kwargs, signature.parameters)
             # What takes recordings or frames elsewhere is often given alone.
-            first = signature.bind_partial(*args).arguments if len(args) <= len(signature.parameters) else {}
-            _check_given(function.__qualname__, first, defaults)
+            with suppress(TypeError):  # more of them than there are places
+                _check_given(function.__qualname__, signature.bind_partial(*args).arguments, defaults)
             check_names(owner, kwargs, signature.parameters)
             # Python's own message about missing arguments is better than that of `bind`.
             return function(*args, **kwargs)

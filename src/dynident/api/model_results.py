@@ -25,6 +25,7 @@ from dynident.file_output import check_ending, write_atomically
 from dynident.identification import Estimate, Identification
 from dynident.identification.identified_models.torque_prediction import (
     PredictedTorque,
+    check_simulated,
     compute_coriolis_matrix,
     compute_friction,
     compute_gravity,
@@ -385,8 +386,8 @@ class ModelResults(KnownNames):
         Raises
         ------
         DynidentError
-            For effects that depend on the acceleration or on more than the state, and for a mass matrix that no robot
-            has.
+            For effects that depend on the acceleration or on more than the state, joints without recorded torque, and
+            a mass matrix that no robot has.
 
         Examples
         --------
@@ -398,12 +399,7 @@ class ModelResults(KnownNames):
         self._check_no_memory()
         q_rows, dq_rows, torque = motion.arrays
         mass = self._compute(compute_mass_matrix, Motion((q_rows,), q_rows.shape))
-        if not (np.linalg.eigvalsh(mass) > 0.0).all():
-            raise DynidentError(
-                'the mass matrix of this model is not positive definite here; identify with estimator="feasible"',
-                pointer="q",
-                title="Impossible robot",
-            )
+        check_simulated(self._estimate, mass)
         rest = predict(self._estimate, q_rows, dq_rows, np.zeros_like(q_rows)).torque
         acceleration = np.asarray(np.linalg.solve(mass, (torque - rest)[..., None])[..., 0], dtype=np.float64)
         again = predict(self._estimate, q_rows, dq_rows, acceleration).torque
