@@ -431,14 +431,12 @@ class TreeFit:
         friction, sign = self._friction_columns[joint]
         whole, own = grams.inner[-1, joint], values[:, friction]
         work = own @ whole[sign, friction]
-        # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
-        if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
-            return False
-        # A torque of the wrong sign turns dry friction round, too. Where what grows with the speed drives, and dry
-        # friction takes more than all of it gives, the torque is logged early, or at one point of each step of a
-        # servo's command.
         dry = values[:, sign] * whole[sign, sign]
-        if dry.mean() > max(_DRIVES * np.sqrt((BLOCKS - 1) * dry.var()), -work.mean()):
+        # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
+        least_work, least_dry = (_DRIVES * np.sqrt((BLOCKS - 1) * part.var()) for part in (work, dry))
+        # A wrong sign turns dry friction round, too. Where that takes more than friction gives in all, the torque is
+        # logged early, or at one point of each step of a servo's command.
+        if work.mean() >= -least_work or dry.mean() > max(least_dry, -work.mean()):
             return False
         # Friction that is small beside the residual may have any sign.
         size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
