@@ -87,7 +87,8 @@ def test_a_whole_log_of_a_ur10e_standstill_and_all_comes_to_what_the_readme_says
     arm = robot("ur10e")
     training, validation = (read(arm, name, (), UR10E_GAINS) for name in ("id_30s_12harm", "val_ptp10"))
     plain = identify(arm, [training], [validation], CHOICES)
-    grown = extend(plain, diagnose(plain, [training]).recommended, [training], [validation])
+    found = diagnose(plain, [training], validation=[validation])
+    grown = extend(plain, found.recommended, [training], [validation])
     assert (held_out(plain), held_out(grown)) == pytest.approx(said_of("Universal Robots UR10e"), rel=0.05)
 
 
@@ -117,7 +118,7 @@ def test_the_wrist_coupling_of_a_tx40_is_named_by_the_diagnosis(tx40):
     arm, training, validation = tx40
     plain = identify(arm, [training], [validation], CHOICES)
     assert held_out(plain) > 0.15
-    found = diagnose(plain, [training])
+    found = diagnose(plain, [training], validation=[validation])
     first = found.candidates[0]
     assert (first.effect, first.joints) == ("transmission_coupling", (arm.joint_names[4],))
     assert first.choice.shape_values["side"] == 1.0
@@ -133,7 +134,7 @@ def test_a_ur10_is_predicted_and_its_friction_named(read):
     training, validation = (read(arm, "exciting_traj", (window,)) for window in ((0.0, 18.0), (18.0, 27.5)))
     plain = identify(arm, [training], [validation], CHOICES)
     assert held_out(plain) < 0.08
-    found = diagnose(plain, [training])
+    found = diagnose(plain, [training], validation=[validation])
     assert found.recommended
     grown = extend(plain, found.recommended, [training], [validation])
     assert grown.held_out_moving.relative_total < 0.033

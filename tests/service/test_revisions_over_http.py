@@ -43,8 +43,8 @@ def test_a_parent_stays_as_long_as_its_revisions_do(client: TestClient, robot: d
 def test_what_a_check_proposes_cures_what_it_found(client: TestClient, robot: dict[str, Any]) -> None:
     columns = sound()
     columns["tau2"] = -columns["tau2"]
-    assert upload(client, robot, as_csv(columns)).status_code == 422
-    accepted = upload(client, robot, as_csv(columns), accept=["torque_sign"]).json()
+    # Of two joints, one that seems turned may be a passive one: the cure is proposed, and nothing is refused.
+    accepted = upload(client, robot, as_csv(columns)).json()
     (found,) = [one for one in accepted["checks"] if one["status"] == "warning"]
     assert found["apply"] == {"signs": {"tau2": -1.0}}
     answer = revise(client, accepted, **found["apply"])

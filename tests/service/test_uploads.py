@@ -110,9 +110,10 @@ def put(name: str, row: int, value: float) -> Callable[[Columns], None]:
     return change
 
 
-def scale(name: str, factor: float) -> Callable[[Columns], None]:
+def scale(names: str, factor: float) -> Callable[[Columns], None]:
     def change(columns: Columns) -> None:
-        columns[name] *= factor
+        for name in names.split():
+            columns[name] *= factor
 
     return change
 
@@ -122,7 +123,7 @@ def scale(name: str, factor: float) -> Callable[[Columns], None]:
     [
         (spoiled(scale("t", 0.0)), "t", None),
         (spoiled(scale("tau1", 0.0)), "tau1", None),
-        (spoiled(scale("tau2", -1.0)), "tau2", None),
+        (spoiled(scale("tau1 tau2", -1.0)), "tau2", None),
         (spoiled(lambda columns: columns.pop("tau2")), "tau2", None),
         (b"t,q1,q2,tau1,tau2\n0,0,0,0,0\n0.01,zero,0,0,0\n", "q1", None),
     ],
