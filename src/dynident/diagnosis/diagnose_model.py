@@ -44,12 +44,7 @@ from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution, compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals, propose_shapes
-from dynident.diagnosis.search.candidate_outcomes import (
-    add_limits,
-    list_outcomes,
-    list_untried,
-    score_beside_findings,
-)
+from dynident.diagnosis.search.candidate_outcomes import add_limits, list_outcomes, list_untried, score_beside_findings
 from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
 from dynident.diagnosis.search.external_contacts import find_contacts
@@ -72,13 +67,7 @@ from dynident.diagnosis.search.identifiability_and_invisible_effects import (
     list_unaddable,
 )
 from dynident.diagnosis.search.pruning import RefinedModel
-from dynident.diagnosis.search.search_state import (
-    Finding,
-    ScoredFamily,
-    SearchRecord,
-    State,
-    score_family,
-)
+from dynident.diagnosis.search.search_state import Finding, ScoredFamily, SearchRecord, State, score_family
 from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.effects.effect_columns import is_lasting_change
@@ -262,10 +251,8 @@ def examine(
     # Of two days, halts would have to be asked apart.
     if not baseline:
         grown, final, held = find_static_friction(grown, recordings, final, candidates, rules.significance)
-        findings, recommended = (
-            (*findings, *held),
-            (*recommended, *(finding.judged.candidate.choice for finding in held)),
-        )
+        findings = (*findings, *held)
+        recommended = (*recommended, *(finding.judged.candidate.choice for finding in held))
         unknown = find_unknown_patterns(final) if held else unknown
     residual = compute_residual_rms(final)
     # Who names the effects to try gets no others.

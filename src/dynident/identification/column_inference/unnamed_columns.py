@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.column_inference.column_groups import ColumnGroup, infer_by_elimination
-from dynident.identification.column_inference.column_names import ColumnName
+from dynident.identification.column_inference.column_names import ColumnName, Signal
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
     compute_roughness,
@@ -410,12 +410,13 @@ def group_unnamed_columns(
     if kinds is None:
         return infer_by_elimination(groups, whole, measure)
     groups[:] = [group for group in groups if group.signal is not None]
+    by_signal: dict[Signal, Sequence[int]] = {"q": kinds.positions, "dq": kinds.rates, "tau": kinds.efforts}
     for group in whole:
         # The names count the joints, which gives the order; the content gives the signal.
-        for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
+        for signal, columns in by_signal.items():
             # Content does not say again what other names say already.
             if set(group.columns) == set(columns) and signal not in have:
-                groups.append(ColumnGroup(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
+                groups.append(ColumnGroup(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))
     if {group.signal for group in groups} >= {"q", "tau"}:
         return []
     return _order_by_joint(work, kinds, pool, measure)

@@ -347,8 +347,8 @@ def solve_submodel(
     data = identification.data.combine_columns(weights)
     to_solve = data.to_data(identification.estimate.reference)
     relation = SubmodelRelation(identification.model, weights)
-    as_before = lambda _: combine_shapes(identification, choices.effects, weights)  # noqa: E731
-    return finalise_identification(model, choices, to_solve, data, relation, shaped or as_before)
+    shaped = shaped or (lambda _: combine_shapes(identification, choices.effects, weights))
+    return finalise_identification(model, choices, to_solve, data, relation, shaped)
 
 
 def subtract_effects(
