@@ -32,7 +32,7 @@ import numpy as np
 from common import FloatArray, show
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
-from dynident.diagnosis import Diagnosis, examine
+from dynident.diagnosis import Diagnosis, DiagnosisChoices, examine
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_experiment
@@ -167,7 +167,7 @@ def judged(case: Case, two: bool) -> Outcome | None:
     choices = IdentificationChoices(tuple(EffectChoice(name) for name in _model(case)))
     first = measured(robot, case, first_motion(robot, case), 1, "first")
     names = _names(case) if two else None
-    found = advise(examine(identify(robot, [first], [], choices), [first], candidates=names))
+    found = advise(examine(identify(robot, [first], [], choices), [first], DiagnosisChoices(tuple(names))))
     if _decided(found, case):
         return None
     if not _between(found, case):
@@ -180,7 +180,7 @@ def judged(case: Case, two: bool) -> Outcome | None:
     design = design_experiment(robot, advice.design, earlier=[first])
     second = measured(robot, case, Reference(design.t, design.q, design.dq, design.ddq), 2, "proposed")
     runs = [first, second]
-    again = advise(examine(identify(robot, runs, [], choices), runs, candidates=names))
+    again = advise(examine(identify(robot, runs, [], choices), runs, DiagnosisChoices(tuple(names))))
     recommended = [one.effect for one in again.recommended]
     return Outcome(
         case,

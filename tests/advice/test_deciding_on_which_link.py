@@ -9,7 +9,7 @@ from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET
 from support.oracles import Motion, fourier_motion
 
 from dynident.advice import AdvisedDiagnosis, advise
-from dynident.diagnosis import examine
+from dynident.diagnosis import DiagnosisChoices, examine
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
@@ -49,7 +49,7 @@ def with_a_stiff_wrist(motion: Motion) -> Motion:
 
 def diagnosed(*runs: Recording) -> AdvisedDiagnosis:
     found = identify(ROBOT, runs, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
-    return advise(examine(found, runs, candidates=("payload",)))
+    return advise(examine(found, runs, DiagnosisChoices(("payload",))))
 
 
 @pytest.mark.parametrize(

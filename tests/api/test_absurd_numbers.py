@@ -122,7 +122,7 @@ CASES: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {
     "prior": (lambda: dy.IdentificationChoices(prior="description"), _identified),
     "filters": (Filters, _filtered),
     "simulation": (lambda: SIMULATED, _simulated),
-    "diagnosis": (DiagnosisChoices, lambda choices: dy.diagnose(model(), most_effects=choices.max_effects)),
+    "diagnosis": (DiagnosisChoices, lambda choices: dy.diagnose(model(), max_effects=choices.max_effects)),
     "essential": (
         EssentialChoices,
         lambda choices: essential_parameters(model().identification, choices.ratio),

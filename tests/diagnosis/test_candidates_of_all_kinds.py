@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.oracles import fourier_motion
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.effects import CATALOGUE
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
@@ -31,6 +31,6 @@ def model(recording: Recording) -> Identification:
 
 @pytest.mark.parametrize("effect", CATALOGUE)
 def test_one_effect_alone_is_asked_for(model: Identification, recording: Recording, effect: str) -> None:
-    diagnosis = diagnose(model, [recording], candidates=[effect])
+    diagnosis = diagnose(model, [recording], DiagnosisChoices((effect,)))
     assert {candidate.effect for candidate in diagnosis.candidates} <= {effect}
     assert diagnosis.summary

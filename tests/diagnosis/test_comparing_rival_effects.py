@@ -10,7 +10,7 @@ from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, Hidden, expe
 from support.oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 from support.scored_candidates import judged as scored_with
 
-from dynident.diagnosis import diagnose, examine
+from dynident.diagnosis import DiagnosisChoices, diagnose, examine
 from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.changes_between_recordings import identify_on_both
 from dynident.diagnosis.decision_levels import RULES
@@ -143,7 +143,7 @@ def test_a_balancer_that_a_spring_explains_as_well_is_told_as_either_of_both():
     recording = recorded(motion, on_joint(1, spring), 3, "a small range")
     model = identify(ROBOT, [recording], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
     names = ["gravity_compensator", "joint_spring"]
-    found = examine(model, [recording], candidates=names)
+    found = examine(model, [recording], DiagnosisChoices(tuple(names)))
     (first, *_), (doubt, *_) = found.diagnosis.candidates, found.doubts
     assert sorted((first.effect, *first.equivalent)) == names
     lacking = found.diagnosis.summary.split(". ")[0].lower()
@@ -151,8 +151,8 @@ def test_a_balancer_that_a_spring_explains_as_well_is_told_as_either_of_both():
     # Neither is said to be a part of the robot, which is asked for both.
     assert all(f"({part}?)" in lacking for part in ("gravity compensating spring", "joint spring"))
     assert all(f"Does the robot have {HARDWARE[part]}?" in found.diagnosis.summary for part in ("spring", names[0]))
-    known = {"spring": True, names[0]: True}
-    summary = diagnose(model, [recording], candidates=names, hardware=known).summary
+    known = ("spring", names[0])
+    summary = diagnose(model, [recording], DiagnosisChoices(tuple(names), has=known)).summary
     assert "?" not in summary.split(". ")[0]
     assert "Does the robot have" not in summary
     # The next experiment tells them apart.

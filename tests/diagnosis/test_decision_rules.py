@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.hidden_effects import CASES, NAMES, experiment
 
-from dynident.diagnosis import DecisionRules, diagnose
+from dynident.diagnosis import DecisionRules, DiagnosisChoices, diagnose
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.decision_levels import RULES
@@ -80,7 +80,7 @@ def test_the_significance_of_a_request_is_that_of_the_rules() -> None:
     case = CASES["viscous_nonlinear"]
     run = experiment(case.hidden, case.effects)
     diagnosis = diagnose(
-        run.identification, [run.training], candidates=[case.effect, "stribeck", "offset"], significance=0.05
+        run.identification, [run.training], DiagnosisChoices((case.effect, "stribeck", "offset"), significance=0.05)
     )
     assert (diagnosis.recommended[0].effect, diagnosis.recommended[0].joints) == (case.effect, (NAMES[case.joint],))
     assert DecisionRules().significance == 0.01

@@ -10,7 +10,7 @@ import pytest
 from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, experiment, on_joint, recorded
 from support.oracles import fourier_motion
 
-from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis import Diagnosis, DiagnosisChoices, diagnose
 from dynident.diagnosis.conclusion import conclude
 from dynident.diagnosis.diagnosis_result import DetectionLimit, UnknownPattern
 from dynident.effects import get_effect
@@ -31,7 +31,7 @@ HIDDEN = ("joint_spring", "viscous_asymmetric")
 @pytest.fixture(scope="module")
 def clean() -> Diagnosis:
     run = experiment()
-    return diagnose(run.identification, [run.training], candidates=[*HIDDEN, "backlash", "coulomb_asymmetric"])
+    return diagnose(run.identification, [run.training], DiagnosisChoices((*HIDDEN, "backlash", "coulomb_asymmetric")))
 
 
 def find_limit(diagnosis: Diagnosis, effect: str, joint: int) -> DetectionLimit:
@@ -64,7 +64,7 @@ def test_twice_the_limit_is_found_and_a_third_of_the_half_limit_is_not(clean, ef
         "viscous_asymmetric": lambda q, v, load: size * np.abs(v),
     }
     run = experiment(on_joint(joint, laws[effect]), WITH_OFFSET)
-    found = diagnose(run.identification, [run.training], candidates=[*HIDDEN, "backlash", "coulomb_asymmetric"])
+    found = diagnose(run.identification, [run.training], DiagnosisChoices((*HIDDEN, "backlash", "coulomb_asymmetric")))
     named = [(choice.effect, choice.joints) for choice in found.recommended]
     assert named == ([(effect, (NAMES[joint],))] if shows else [])
     if shows:
@@ -127,7 +127,7 @@ def test_the_conclusion_is_threefold_and_names_one_next_thing_to_do(verdict, lim
 def test_data_that_do_not_determine_the_model_give_the_verdict_that_they_cannot_tell():
     short = recorded(fourier_motion(ROBOT, 4.5, 200.0, 504), on_joint(0, lambda q, v, load: 0.0 * q), 4, "short")
     choices = IdentificationChoices(WITH_OFFSET, preprocessing=BAND)
-    found = diagnose(identify(ROBOT, [short], choices=choices), [short], candidates=["stribeck", "joint_spring"])
+    found = diagnose(identify(ROBOT, [short], choices=choices), [short], DiagnosisChoices(("stribeck", "joint_spring")))
     assert found.conclusion is not None
     assert (found.verdict, found.conclusion.code, found.recommended) == ("cannot_tell", "cannot_tell", ())
     table = build_conclusion_table(found, ROBOT.joint_names)

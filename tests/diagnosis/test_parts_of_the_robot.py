@@ -12,7 +12,7 @@ from rich.console import Console
 from support.hidden_effects import NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, on_joint
 
 import dynident as dy
-from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis import Diagnosis, DiagnosisChoices, diagnose
 from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError
 from dynident.identification import identify
@@ -36,8 +36,9 @@ def hidden() -> Experiment:
 
 @cache
 def diagnosed(has: bool | None = None) -> Diagnosis:
-    hardware = {} if has is None else {SPRING: has}
-    return diagnose(hidden().identification, [hidden().training], hardware=hardware)
+    parts = (SPRING,)
+    choices = None if has is None else DiagnosisChoices(has=parts) if has else DiagnosisChoices(has_not=parts)
+    return diagnose(hidden().identification, [hidden().training], choices)
 
 
 def test_a_torque_over_the_position_is_told_as_that_and_the_part_is_asked_for():
@@ -77,7 +78,7 @@ def test_what_the_robot_states_counts_until_a_request_says_otherwise():
     robot, run = replace(ROBOT, has_not=(SPRING,)), hidden()
     stated = identify(robot, [run.training], [run.validation], run.identification.choices)
     assert diagnose(stated, [hidden().training]).recommended == diagnosed(has=False).recommended
-    assert diagnose(stated, [hidden().training], hardware={SPRING: True}).recommended == diagnosed().recommended
+    assert diagnose(stated, [hidden().training], DiagnosisChoices(has=(SPRING,))).recommended == diagnosed().recommended
 
 
 def test_every_part_has_an_effect_and_every_effect_of_a_part_says_what_the_data_show():

@@ -28,7 +28,7 @@ from support.hidden_effects import (
 )
 from support.oracles import FloatArray, Motion, fourier_motion, pinocchio_torque, record
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.diagnosis.ambiguities import find_misnamed
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
@@ -163,7 +163,7 @@ def test_only_what_held_out_recordings_have_as_well_is_found(effect: str) -> Non
     # The same motion of an arm that has not what the recordings of the fit have.
     without = recorded(motions(0)[1], nothing, 7, "validation")
     confirmed, refused = (
-        diagnose(run.identification, [run.training], validation=[held_out], candidates=[effect])
+        diagnose(run.identification, [run.training], DiagnosisChoices((effect,)), validation=[held_out])
         for held_out in (run.validation, without)
     )
     joints = tuple(NAMES[joint] for joint in case.joints)
@@ -289,7 +289,7 @@ def pushed(motion: Motion, load: FloatArray) -> FloatArray:
 def test_what_acts_on_held_out_recordings_alone_refuses_nothing(hidden: Hidden) -> None:
     run = experiment(CASES["joint_spring"].hidden)
     disturbed = recorded(motions(0)[1], hidden, 7, "validation")
-    found = diagnose(run.identification, [run.training], validation=[disturbed], candidates=["joint_spring"])
+    found = diagnose(run.identification, [run.training], DiagnosisChoices(("joint_spring",)), validation=[disturbed])
     assert found.recommended == (SPRING,)
 
 
@@ -348,9 +348,3 @@ def test_beside_what_held_out_recordings_cannot_say_the_others_are_asked(beside:
     # They may have what the second run has, but nobody says so.
     alike = recorded(motions(0)[1], lambda *at: springs(*at) + shift, 5, "validation")
     assert extend_with_findings(plain, choices, training, [alike], ignore_progress)[1] == {}
-
-
-def test_only_levels_that_act_can_be_named() -> None:
-    run = experiment()
-    with pytest.raises(TypeError, match="'confirmed'"):
-        cast(Any, diagnose)(run.identification, [run.training], candidates=["joint_spring"], confirmed=-1.0)

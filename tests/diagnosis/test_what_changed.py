@@ -24,7 +24,7 @@ from support.hidden_effects import (
 )
 from support.oracles import FloatArray, Motion, pinocchio_torque
 
-from dynident.diagnosis import Change, Diagnosis, diagnose
+from dynident.diagnosis import Change, Diagnosis, DiagnosisChoices, diagnose
 from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import EffectChoice, get_effect
@@ -151,7 +151,7 @@ def test_a_model_of_any_strategy_or_estimator_can_be_asked() -> None:
     monday, friday = two_days(worn)
     for more in ({"strategy": "sequential"}, {"estimator": "feasible", "prior": "description_entropic"}):
         model = identify(ROBOT, [monday], [], replace(CHOICES, **more))
-        found = diagnose(model, [friday], baseline=[monday], candidates=FEW).changes
+        found = diagnose(model, [friday], DiagnosisChoices(FEW), baseline=[monday]).changes
         assert found
         assert {one.choice.joints for one in found} == {NAMES[2:3]}
 
@@ -189,7 +189,7 @@ def test_one_recording_on_both_sides_is_told_and_no_day_differs_from_itself() ->
 def test_recordings_of_the_same_name_are_told_apart() -> None:
     monday, friday = two_days(worn)
     friday = replace(friday, name=monday.name)
-    found = diagnose(identify(ROBOT, [monday], [], CHOICES), [friday], baseline=[monday], candidates=FEW)
+    found = diagnose(identify(ROBOT, [monday], [], CHOICES), [friday], DiagnosisChoices(FEW), baseline=[monday])
     assert found.changes
     assert {one.choice.joints for one in found.changes} == {NAMES[2:3]}
 
@@ -255,8 +255,8 @@ def test_differences_of_two_days_do_not_depend_on_the_model_that_one_starts_from
         diagnose(
             identify(ROBOT, [monday], [], replace(CHOICES, effects=effects)),
             [friday],
+            DiagnosisChoices(FEW),
             baseline=[monday],
-            candidates=FEW,
         )
         for effects in starts
     ]

@@ -11,7 +11,7 @@ import pytest
 from support.hidden_effects import CASES, NAMES, WITH_OFFSET, experiment, on_joint
 from test_scoring_and_significance import judged
 
-from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis import Diagnosis, DiagnosisChoices, diagnose
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, ReasonCode, build_too_small, find_outcome
@@ -163,20 +163,23 @@ def test_effects_that_were_not_asked_for_and_those_beyond_the_largest_number_are
         return spring.hidden(motion, load) + other(motion, load)
 
     run = experiment(both, law.effects)
-    found = diagnose(run.identification, [run.training], candidates=["joint_spring"], most_effects=1)
+    found = diagnose(run.identification, [run.training], DiagnosisChoices(("joint_spring",), max_effects=1))
     (named,) = found.recommended
     (left,) = {NAMES[0], NAMES[3]} - set(named.joints)
     assert found.why_not("joint_spring", left) == Reason.build("most_effects", most=1.0)
     assert found.why_not("stribeck", NAMES[0]) == Reason.build("not_tried", why="the request does not list it")
 
 
-def test_a_stricter_level_names_less():
-    run = experiment(CASES["joint_spring"].hidden, WITH_OFFSET)
-    found = diagnose(run.identification, [run.training], candidates=["joint_spring"], significance=1e-9)
-    assert found.recommended == ()
-    reason = found.why_not("joint_spring", NAMES[0])
-    assert (reason.code, dict(reason.values)["level"]) == ("not_significant", 1e-9)
-    assert "would show it from" in reason.text
+def test_the_level_of_the_request_decides():
+    # The spring is so weak that its p-value is between the two levels.
+    run = experiment(lambda *at: 0.025 * CASES["joint_spring"].hidden(*at), WITH_OFFSET)
+    strict, usual = (
+        diagnose(run.identification, [run.training], choices).why_not("joint_spring", NAMES[0])
+        for choices in (DiagnosisChoices(("joint_spring",), significance=0.001), DiagnosisChoices(("joint_spring",)))
+    )
+    assert (strict.code, dict(strict.values)["level"]) == ("not_significant", 0.001)
+    assert usual.code == "too_small"
+    assert "would show it from" in strict.text
 
 
 def test_a_group_that_is_no_candidate_counts_with_the_columns_of_each_of_its_joints():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.closed_loop_robots import machine, mjcf
 
-from dynident.diagnosis import Comparison, compare, diagnose
+from dynident.diagnosis import Comparison, DiagnosisChoices, compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording, low_pass, recording_from_arrays
@@ -193,7 +193,7 @@ def test_a_friction_peak_hidden_on_a_passive_joint_is_named(rubbed: Rubbed, peak
     # Of a delta one passive joint or another turns beside more than four fifths of the rows: they are equations of the
     # motion in them alone.
     runs = [moved(rubbed, seed, peak)[0] for seed in (1, 2)]
-    found = diagnose(identified(rubbed, runs), runs, candidates=ASKED)
+    found = diagnose(identified(rubbed, runs), runs, DiagnosisChoices(ASKED))
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [("stribeck", (peak.joint,))]
     assert found.recommended[0].shape_values["vs"] == pytest.approx(peak.width, rel=0.05)
     assert (found.residual_rms < 1.1 * found.noise_floor).all()
@@ -203,7 +203,7 @@ def test_a_friction_peak_hidden_on_a_passive_joint_is_named(rubbed: Rubbed, peak
 @pytest.mark.thorough
 def test_nothing_is_named_in_a_clean_delta() -> None:
     runs = [moved(DELTA, seed)[0] for seed in (1, 2)]
-    found = diagnose(identified(DELTA, runs), runs, candidates=ASKED)
+    found = diagnose(identified(DELTA, runs), runs, DiagnosisChoices(ASKED))
     assert found.recommended == ()
     assert found.verdict == "adequate"
     assert (found.residual_rms < 1.1 * found.noise_floor).all()

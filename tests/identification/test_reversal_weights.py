@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, extend, identify, reidentify, remove
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
@@ -82,7 +82,7 @@ def test_a_model_with_more_and_less_of_an_effect_is_the_one_that_was_there_befor
 
 
 def test_a_diagnosis_names_the_same_however_the_model_was_weighed(weighed, alike):
-    told = [diagnose(one, [RUN], candidates=("offset", "stribeck", "torque_delay")) for one in (weighed, alike)]
+    told = [diagnose(one, [RUN], DiagnosisChoices(("offset", "stribeck", "torque_delay"))) for one in (weighed, alike)]
     assert told[0].recommended == told[1].recommended
     assert told[0].residual_rms == pytest.approx(told[1].residual_rms)
 

@@ -12,7 +12,7 @@ from support.one_joint_robots import one_joint_run
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.api.model import Model
-from dynident.diagnosis import diagnose
+from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.number_format import format_percent
@@ -93,7 +93,7 @@ def test_a_diagnosis_of_the_model_does_not_change_its_verdict() -> None:
     before = judge_feed_forward(evidence)
     step = NextStep("Find the missing effect, most often presliding friction.", "diagnose")
     assert step in [finding.next for finding in before]
-    diagnose(model, [fitted], candidates=("presliding",))
+    diagnose(model, [fitted], DiagnosisChoices(("presliding",)))
     assert model.model.signals.memory_signals
     assert judge_feed_forward(evidence) == before
 

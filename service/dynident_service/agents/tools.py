@@ -162,7 +162,7 @@ def _diagnose(folder: Folder, given: arguments.DiagnoseArguments, progress: Prog
     diagnosed = dy.diagnose(
         replace(model, recordings=runs, validation=held_out),
         candidates=choices.candidates,
-        most_effects=choices.max_effects,
+        max_effects=choices.max_effects,
         significance=choices.significance,
         hardware=choices.hardware,
         progress=scale_progress(progress, _READ, 1.0),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 from dynident.advice import decide_doubts
 from dynident.diagnosis import DiagnosisChoices, evidence, examine
@@ -21,6 +22,7 @@ from dynident.diagnosis.monitoring import monitor_days as series_of
 from dynident.errors import DynidentError
 from dynident.progress import scale_progress
 from dynident.reports.figures.changes import draw_parameter_tracks
+from dynident.robot.limits_and_drives import split_hardware
 from dynident.text_encoding import encode_text
 from dynident_service.diagnoses.adapters import (
     describe_diagnosis,
@@ -53,15 +55,13 @@ def diagnose_model(task: Task) -> Outcome:
     # What is known of the robot now, which may be more than when the model was identified.
     robot = task.resources.get("robot", identification.get_dependency("robot")).request
     stated = {**dict.fromkeys(robot.get("has", ()), True), **dict.fromkeys(robot.get("has_not", ()), False)}
+    has, has_not = split_hardware({**stated, **choices.hardware})
     examined = examine(
         model,
         recordings,
+        replace(choices, has=has, has_not=has_not),
         baseline=earlier,
         validation=open_stored_recordings(task, held_out_ids),
-        candidates=choices.candidates,
-        most_effects=choices.max_effects,
-        significance=choices.significance,
-        hardware={**stated, **choices.hardware},
         progress=scale_progress(task.progress, 0.0, 0.9),
     )
     diagnosis = examined.diagnosis

@@ -116,7 +116,7 @@ EXPECTED: Mapping[str, Expectation] = {
     "gravity": Expectation(_is_vector, "give its three components in m/s²: (0, 0, -9.81)"),
     "base": Expectation(lambda value: value in BASE_JOINTS, 'give "fixed", "floating" or "planar"'),
     "contacts": Expectation(_is_a(list, tuple), 'give names of links, ["left_foot", "right_foot"]'),
-    "most_effects": Expectation(
+    "max_effects": Expectation(
         lambda value: isinstance(value, Integral) and not isinstance(value, bool), "give a whole number"
     ),
     "limit": Expectation(lambda value: _is_number(value) and not value > 1, "give a fraction: 0.05 for 5 %"),  # type: ignore[operator]

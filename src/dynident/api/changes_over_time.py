@@ -17,7 +17,7 @@ from dynident.api.model_diagnosis import check_not_empty
 from dynident.api.model_identification import as_model
 from dynident.api.named_tables import Framed, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
-from dynident.diagnosis import Change, Diagnosis, diagnose
+from dynident.diagnosis import Change, Diagnosis, DiagnosisChoices, diagnose
 from dynident.errors import DynidentError
 from dynident.file_output import check_folder_exists, write_atomically
 from dynident.identification import Identification
@@ -407,8 +407,8 @@ def changes(
     diagnosis = diagnose(
         desk_model.identification,
         later.recordings,
+        DiagnosisChoices(None if candidates is None else tuple(candidates)),
         baseline=earlier.recordings,
-        candidates=candidates,
         progress=progress,
     )
     return Changes(desk_model, earlier, later, diagnosis)

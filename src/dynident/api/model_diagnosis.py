@@ -25,7 +25,7 @@ from dynident.diagnosis import (
     evidence,
     examine,
 )
-from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE
+from dynident.diagnosis.diagnosis_request import DEFAULT_MOST_EFFECTS, DEFAULT_SIGNIFICANCE, DiagnosisChoices
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.effects import EffectChoice
 from dynident.effects.effect_text_format import format_effect
@@ -35,6 +35,7 @@ from dynident.presentation.diagnosis_tables import EVIDENCE, build_candidate_tab
 from dynident.presentation.labels import format_hidden_effects, format_joints, format_shape_constants
 from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress
+from dynident.robot.limits_and_drives import split_hardware
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 
 _MOST_BARS, _MOST_PANELS = 12, 8
@@ -272,7 +273,7 @@ def diagnose(
     *,
     validation: SomeRecordings | None = None,
     candidates: str | Sequence[str] | None = None,
-    most_effects: int = DEFAULT_MOST_EFFECTS,
+    max_effects: int = DEFAULT_MOST_EFFECTS,
     significance: float = DEFAULT_SIGNIFICANCE,
     hardware: Mapping[str, bool] | None = None,
     progress: Progress = ignore_progress,
@@ -290,7 +291,7 @@ def diagnose(
         or none where `recordings` are given.
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
-    most_effects : int
+    max_effects : int
         Largest number of recommended effects; contacts do not count.
     significance : float
         Largest p-value of a finding: the probability that an effect is named although nothing is missing.
@@ -322,6 +323,11 @@ def diagnose(
     >>> better.held_out.relative_total < model.held_out.relative_total
     True
     """
+    has, has_not = split_hardware(hardware or {})
+    tried = (candidates,) if isinstance(candidates, str) else candidates
+    choices = DiagnosisChoices(
+        None if tried is None else tuple(tried), max_effects, significance, has=has, has_not=has_not
+    )
     desk_model = as_model(model)
     if recordings is None:
         desk_model.check_data("diagnose the model")
@@ -332,11 +338,8 @@ def diagnose(
     examination = examine(
         desk_model.identification,
         checked_recordings.recordings,
+        choices,
         validation=held_out.recordings,
-        candidates=[candidates] if isinstance(candidates, str) else candidates,
-        most_effects=most_effects,
-        significance=significance,
-        hardware=hardware or {},
         progress=progress,
     )
     return DiagnosedModel(desk_model, checked_recordings, examination)

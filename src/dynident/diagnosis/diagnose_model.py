@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import NamedTuple, Unpack
+from typing import NamedTuple
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.ambiguities import Doubt, find_dependent_findings, find_misnamed, list_doubts
@@ -21,7 +20,7 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
 from dynident.diagnosis.decision_levels import DecisionRules
-from dynident.diagnosis.diagnosis_request import AskedLevels, build_rules, check_request
+from dynident.diagnosis.diagnosis_request import DiagnosisChoices, check_recordings
 from dynident.diagnosis.diagnosis_result import (
     Change,
     DetectionLimit,
@@ -108,13 +107,11 @@ class Examination:
 def diagnose(
     identification: Identification,
     recordings: Sequence[Recording],
+    choices: DiagnosisChoices | None = None,
     *,
     baseline: Sequence[Recording] = (),
     validation: Sequence[Recording] = (),
-    candidates: Sequence[str] | None = None,
-    hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
-    **levels: Unpack[AskedLevels],
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
 
@@ -125,22 +122,16 @@ def diagnose(
     recordings : sequence of Recording
         The data to learn from; usually those the model was identified on. A recommended effect has improved the
         prediction of blocks that were left out of the fit. Tests of single joints' friction are left out.
+    choices : DiagnosisChoices, optional
+        Which effects are tried, and the levels that a request sets.
     baseline : sequence of Recording, optional
         Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
         is then identified on both, and detection limits are those of effects that arms often have.
     validation : sequence of Recording, optional
         Recordings of the same robot that the model was not identified from. They propose nothing, but a finding that
         they do not confirm is none. With a baseline they are not used.
-    candidates : sequence of str, optional
-        Ids of the effects to try; the whole catalogue otherwise.
-    hardware : mapping of str to bool
-        Whether the robot has a part, by its name of `dynident.robot.stated_settings.HARDWARE`, in place of what it
-        states: effects of parts that are not there are not tried, unless `candidates` lists them.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
-    **levels : float
-        `significance`: the largest p-value of a finding, for all candidates together. `most_effects`: the largest
-        number of recommended effects; contacts do not count.
 
     Returns
     -------
@@ -153,14 +144,7 @@ def diagnose(
         For recordings of poses at rest, in which nothing that is missing shows.
     """
     return examine(
-        identification,
-        recordings,
-        baseline=baseline,
-        validation=validation,
-        candidates=candidates,
-        hardware=hardware,
-        progress=progress,
-        **levels,
+        identification, recordings, choices, baseline=baseline, validation=validation, progress=progress
     ).diagnosis
 
 
@@ -168,13 +152,11 @@ def diagnose(
 def examine(
     identification: Identification,
     recordings: Sequence[Recording],
+    choices: DiagnosisChoices | None = None,
     *,
     baseline: Sequence[Recording] = (),
     validation: Sequence[Recording] = (),
-    candidates: Sequence[str] | None = None,
-    hardware: Mapping[str, bool] = MappingProxyType({}),
     progress: Progress = ignore_progress,
-    **levels: Unpack[AskedLevels],
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
 
@@ -184,16 +166,12 @@ def examine(
         The identified model.
     recordings : sequence of Recording
         The data to learn from, as for `diagnose`.
+    choices : DiagnosisChoices, optional
+        Which effects are tried, and the levels that a request sets.
     baseline, validation : sequence of Recording, optional
         Earlier recordings of the same robot, and held-out ones, as for `diagnose`.
-    candidates : sequence of str, optional
-        Ids of the effects to try; the whole catalogue otherwise.
-    hardware : mapping of str to bool
-        Whether the robot has a part, as for `diagnose`.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
-    **levels : float
-        `significance` and `most_effects`, as for `diagnose`.
 
     Returns
     -------
@@ -205,9 +183,11 @@ def examine(
     DynidentError
         For recordings of poses at rest, in which nothing that is missing shows.
     """
-    check_request(candidates or (), (*recordings, *baseline))
+    check_recordings((*recordings, *baseline))
+    choices = choices or DiagnosisChoices()
+    candidates = choices.candidates
     # What is said with the request counts more than what was said with the robot.
-    has, absent = split_hardware({**identification.model.robot.hardware, **hardware})
+    has, absent = split_hardware({**identification.model.robot.hardware, **choices.hardware})
     held_out_ratio = compute_held_out_ratio(identification)
     n_later = len(split_friction_tests(recordings)[0])
     undisturbed, since = prepare_undisturbed(identification, recordings, baseline)
@@ -218,7 +198,7 @@ def examine(
     tried = candidates or [name for name, effect in CATALOGUE.items() if effect.hardware not in absent]
     # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
-    rules = build_rules(**levels)
+    rules = choices.rules
     # A difference between days is none of held-out recordings, of which nobody says on which day they were made.
     held_out = () if baseline else select_comparable(identification, recordings, validation)
     question = _Question(identification, recordings, held_out, comparisons, tried, resolved, floor, since, rules)

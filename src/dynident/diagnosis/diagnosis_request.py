@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 from dynident.diagnosis.decision_levels import RULES, DecisionRules
 from dynident.errors import DynidentError
@@ -18,28 +18,6 @@ DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
 """Contacts do not count: they are events of a recording, not effects of the arm."""
 
 DEFAULT_SIGNIFICANCE = RULES.significance
-
-
-class AskedLevels(TypedDict, total=False):
-    """The levels of the decision that a request may set: the others hold for all recordings."""
-
-    significance: float
-    most_effects: int
-
-
-def build_rules(
-    *, significance: float = DEFAULT_SIGNIFICANCE, most_effects: int = DEFAULT_MOST_EFFECTS
-) -> DecisionRules:
-    """Return the levels of the decision with those of a request; another name is an error.
-
-    Parameters
-    ----------
-    significance : float
-        Largest p-value of a finding, for all candidates together.
-    most_effects : int
-        Largest number of recommended effects; contacts do not count.
-    """
-    return DecisionRules(significance=significance, most_effects=most_effects)
 
 
 @dataclass(frozen=True)
@@ -57,7 +35,7 @@ class DiagnosisChoices(Request):
         that is tried together.
     has, has_not : tuple of str
         Parts that the robot has or does not have, beside those that the robot states: effects of parts that it does not
-        have are not tried, and about parts that nobody has told of the diagnosis asks.
+        have are not tried unless `candidates` lists them, and about parts that nobody has told of the diagnosis asks.
     """
 
     candidates: tuple[str, ...] | None = declare_field(
@@ -88,6 +66,11 @@ class DiagnosisChoices(Request):
         """Whether the robot has a part, by the part's name."""
         return {**dict.fromkeys(self.has, True), **dict.fromkeys(self.has_not, False)}
 
+    @property
+    def rules(self) -> DecisionRules:
+        """The levels of the decision, with those that the request sets."""
+        return DecisionRules(significance=self.significance, most_effects=self.max_effects)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         check_candidates(self.candidates or ())
@@ -104,18 +87,17 @@ def check_candidates(names: Sequence[str]) -> None:
             get_effect(name, f"/candidates/{index}")
 
 
-def check_request(candidates: Sequence[str], recordings: Sequence[Recording]) -> None:
-    """Check the effects to try, and that what is missing in a model shows in the recordings.
+def check_recordings(recordings: Sequence[Recording]) -> None:
+    """Check that what is missing in a model shows in the recordings.
 
     Raises
     ------
     DynidentError
-        For an unknown effect, poses at rest, and torques that were computed from commands.
+        For poses at rest, and torques that were computed from commands.
     """
     # Whoever asks for the fields of a request alone needs no NumPy.
     from dynident.recordings.pose_recordings import has_poses
 
-    check_candidates(candidates)
     if any(has_poses(recording) for recording in recordings):
         raise DynidentError(
             "poses at rest show only gravity and constant torques, which the model has already; record a motion and "

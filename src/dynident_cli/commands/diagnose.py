@@ -188,7 +188,7 @@ def diagnose(
             recordings,
             validation=held_out,
             candidates=choices.candidates,
-            most_effects=choices.max_effects,
+            max_effects=choices.max_effects,
             significance=choices.significance,
             hardware=choices.hardware,
             progress=progress,
