@@ -291,6 +291,7 @@ def test_what_acts_on_held_out_recordings_alone_refuses_nothing(hidden: Hidden) 
     disturbed = recorded(motions(0)[1], hidden, 7, "validation")
     found = diagnose(run.identification, [run.training], DiagnosisChoices(("joint_spring",)), validation=[disturbed])
     assert found.recommended == (SPRING,)
+    assert ("s of validation, which is held out, the residual is" in found.summary) == (hidden is pushed)
 
 
 def test_held_out_recordings_are_asked_where_they_show_what_those_of_the_fit_show() -> None:
@@ -298,21 +299,24 @@ def test_held_out_recordings_are_asked_where_they_show_what_those_of_the_fit_sho
     grasped = replace(run.validation, payload={"mass": 2.0})
     commanded = replace(run.validation, torque_from_commands=True)
     others = [grasped, replace(run.validation, role="poses"), commanded]
-    assert select_comparable(run.identification, [run.training], [*others, run.validation]) == (run.validation,)
-    assert select_comparable(run.identification, [run.training], others) == ()
+    assert select_comparable(run.identification, [run.training], [*others, run.validation])[0] == (run.validation,)
+    assert select_comparable(run.identification, [run.training], others)[0] == ()
     same_load = replace(run.training, payload={"mass": 2.0})
-    assert select_comparable(run.identification, [same_load], [grasped, run.validation]) == (grasped,)
+    assert select_comparable(run.identification, [same_load], [grasped, run.validation])[0] == (grasped,)
     warm = EffectChoice("temperature_friction", (NAMES[1],))
     choices = replace(run.identification.choices, effects=(*WITH_OFFSET, warm))
-    assert select_comparable(run.identification.with_changes(choices=choices), [run.training], [run.validation]) == ()
+    assert (
+        select_comparable(run.identification.with_changes(choices=choices), [run.training], [run.validation])[0] == ()
+    )
 
 
 def test_a_push_is_cut_out_of_held_out_recordings() -> None:
     run = experiment(CASES["joint_spring"].hidden)
     disturbed = recorded(motions(0)[1], pushed, 7, "validation")
-    (cut,) = select_comparable(run.identification, [run.training], [disturbed])
+    (cut,), (sentence,) = select_comparable(run.identification, [run.training], [disturbed])
     (_, start), (end, _) = cut.windows
     assert 4.5 < start < 5.0 < 7.0 < end < 7.5
+    assert "these seconds do not judge what was found" in sentence
 
 
 @pytest.mark.parametrize("beside", ["runs", "temperature"])

@@ -200,7 +200,7 @@ def examine(
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     rules = choices.rules
     # A difference between days is none of held-out recordings, of which nobody says on which day they were made.
-    held_out = () if baseline else select_comparable(identification, recordings, validation)
+    held_out, cut_sentences = select_comparable(identification, recordings, () if baseline else validation)
     question = _Question(identification, recordings, held_out, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
@@ -265,6 +265,7 @@ def examine(
     sentences = [
         *([word_changes(model.robot, changes, friction)] if changes is not None else []),
         *undisturbed.sentences,
+        *cut_sentences,
         word_summary(verdict, conclusion, lasting_effects, unknown, residual, floor, model, has),
         *([UNDETERMINED] if record.is_undetermined else []),
     ]

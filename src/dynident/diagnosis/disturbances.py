@@ -171,7 +171,7 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
 
 def select_comparable(
     identification: Identification, recordings: Sequence[Recording], validation: Sequence[Recording]
-) -> tuple[Recording, ...]:
+) -> tuple[tuple[Recording, ...], list[str]]:
     """Select the held-out recordings that show what those of the fit show, without their disturbed seconds.
 
     Poses show no motion, commands no torque, and those with another load than stated for the fit another robot.
@@ -182,6 +182,11 @@ def select_comparable(
         The model, identified without disturbed seconds.
     recordings, validation : sequence of Recording
         The recordings of the fit, and held-out ones.
+
+    Returns
+    -------
+    tuple
+        These recordings, and a sentence for each of the spans that were cut out.
     """
     loads = [recording.payload or None for recording in recordings]
     needs_temperature = any(get_effect(choice.effect).needs_temperature for choice in identification.choices.effects)
@@ -193,7 +198,10 @@ def select_comparable(
         and (recording.payload or None) in loads
         and (recording.has_temperature or not needs_temperature)
     ]
-    return _cut_disturbances(identification, alike, identification.data.training)[1] if alike else ()
+    if not alike:
+        return (), []
+    disturbances, windowed = _cut_disturbances(identification, alike, identification.data.training)
+    return windowed, [_word_cut(disturbance) for disturbance in disturbances]
 
 
 def _cut_disturbances(
@@ -399,6 +407,14 @@ def _word_disturbance(disturbance: Disturbance, identification: Identification) 
         )
     push = _word_push(disturbance, identification)
     return f"{when} {push}: leave these seconds out of the identification, or add the contact. {advice}"
+
+
+def _word_cut(disturbance: Disturbance) -> str:
+    return (
+        f"From {disturbance.start:.1f} to {disturbance.end:.1f} s of {disturbance.run}, which is held out, the "
+        f"residual is {np.sqrt(disturbance.ratio):.0f} times that of all other rows: these seconds do not judge what "
+        "was found."
+    )
 
 
 def _word_push(disturbance: Disturbance, identification: Identification) -> str:
