@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.diagnosis import ambiguities, decision_levels, diagnose_model
+from dynident.diagnosis import ambiguities, decision_levels, diagnose_model, diagnosis_request
 from dynident.diagnosis.candidates import significance
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.outcome_reasons import Reason
@@ -282,7 +282,7 @@ def fork_at_rules(
             return apply_switches(rules, forked.group)
         raise Explored
 
-    replace_name(diagnose_model, "DecisionRules", build)
+    replace_name(diagnosis_request, "DecisionRules", build)
     try:
         outcome = {**run(), "fired": sorted(fired)}
     except Explored:
@@ -292,7 +292,7 @@ def fork_at_rules(
             raise
         outcome = {"failed": traceback.format_exc()}
     finally:
-        replace_name(diagnose_model, "DecisionRules", plain_class)
+        replace_name(diagnosis_request, "DecisionRules", plain_class)
     # Only a child gets here.
     with os.fdopen(channel[0], "wb") as stream:
         stream.write(pickle.dumps(outcome))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, experiment, on_joint, recorded
+from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, experiment, nothing, on_joint, recorded
 from support.oracles import fourier_motion
 
 from dynident.diagnosis import Diagnosis, DiagnosisChoices, diagnose
@@ -163,3 +163,17 @@ def test_the_tables_say_that_beside_a_baseline_limits_are_of_common_effects(clea
         }
         each = (tables["limits"], tables["limits_map"], build_limits_by_joint_table(diagnosis))
         assert [note in table.notes for table in each] == [is_said] * 3
+
+
+def test_known_parameters_are_held_while_effects_are_looked_for() -> None:
+    # With the viscous friction free, half of this curve looks like more of it.
+    weak = on_joint(0, lambda q, v, load: 0.9 * v * np.abs(v))
+    plain, curved = (experiment(hidden, WITH_OFFSET) for hidden in (nothing, weak))
+    values = {parameter.name: parameter.value for parameter in plain.identification.parameters}
+    known = replace(plain.identification.choices, known={"Fv1": values["Fv1"], "Fc1": values["Fc1"]})
+    asked = DiagnosisChoices(("viscous_nonlinear",))
+    named = [
+        [choice.joints for choice in diagnose(model, [curved.training], asked).recommended]
+        for model in (curved.identification, identify(ROBOT, [curved.training], choices=known))
+    ]
+    assert named == [[], [(NAMES[0],)]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from dynident.array_types import FloatArray
@@ -71,6 +71,7 @@ from dynident.diagnosis.search.static_friction import find_static_friction
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.effects.effect_columns import is_lasting_change
 from dynident.identification import Identification
+from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -307,9 +308,10 @@ class _Question:
 
     @property
     def inputs(self) -> RegressorInputs:
-        """The recordings, with filters and reference of the model."""
-        estimate = self.identification.estimate
-        return RegressorInputs(self.recordings, self.identification.preprocessing, estimate.next_reference())
+        """The recordings, with filters and reference of the model, and what the user knows of its parameters."""
+        plain = self.identification
+        known = build_prior(plain.model, replace(plain.choices.trust, prior=None))
+        return RegressorInputs(self.recordings, plain.preprocessing, plain.estimate.next_reference(), known)
 
 
 class _Search(NamedTuple):

@@ -12,6 +12,8 @@ from dynident.array_types import FloatArray, IndexArray
 # Smallest eigenvalue of a correlation matrix that is taken at its word: below it rounding decides.
 _FLAT = 1e-12
 
+_CERTAIN = 1e8
+
 
 @dataclass(frozen=True, eq=False)
 class PriorInformation:
@@ -44,6 +46,30 @@ class PriorInformation:
     def combine_with(self, other: PriorInformation) -> PriorInformation:
         """Return the equations of both."""
         return PriorInformation(np.vstack([self.factor, other.factor]), np.concatenate([self.right, other.right]))
+
+    def compute_products(self, columns: IndexArray, squares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute what the equations add to normal equations of some columns.
+
+        Parameters
+        ----------
+        columns : (b,)
+            Numbers of the columns; those that are beyond the c parameters are in none of the equations.
+        squares : (b,)
+            Sum of squares of each column in the data. An equation that is far more certain than all data counts as
+            `_CERTAIN` times these: normal equations would lose what the data say of other columns in rounding.
+
+        Returns
+        -------
+        tuple of (b, b), (b,)
+            FᵀF and Fᵀr.
+        """
+        factor = np.zeros((len(self.factor), len(columns)))
+        own = columns < self.n_columns
+        factor[:, own] = self.factor[:, columns[own]]
+        shares = np.divide(factor**2, _CERTAIN * squares, out=np.zeros_like(factor), where=squares > 0.0)
+        scale = 1.0 / np.sqrt(np.maximum(shares.max(axis=1, initial=0.0), 1.0))
+        factor *= scale[:, None]
+        return factor.T @ factor, factor.T @ (self.right * scale)
 
 
 def build_prior(values: FloatArray, covariance: FloatArray, columns: IndexArray, n_columns: int) -> PriorInformation:

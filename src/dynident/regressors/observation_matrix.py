@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals, get_effect
+from dynident.estimation import PriorInformation
 from dynident.expressions import Program
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot.contacts import compute_contact_projection, compute_elimination, find_mixed_joints
@@ -60,11 +61,14 @@ class RegressorInputs:
         Their filters, differentiation and decimation.
     reference : ReferenceParameters
         Parameters that loads and motor torques are predicted with.
+    known : PriorInformation, optional
+        What is known of the model's parameters beside the data.
     """
 
     recordings: Sequence[Recording]
     preprocessing: Preprocessing
     reference: ReferenceParameters
+    known: PriorInformation | None = None
 
 
 AnyProgram: TypeAlias = "Program | ConcatenatedPrograms | ProjectedProgram"

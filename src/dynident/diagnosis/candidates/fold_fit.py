@@ -6,7 +6,7 @@ Linear algebra alone: no threshold of the decision is here.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
+from dynident.estimation import PriorInformation
 
 # Candidates at once: what their projections take of memory stays in the cache.
 _CHUNK = 128
@@ -284,6 +285,11 @@ class ProductSums:
         """Return the products of the rows that are in either sum."""
         xx = tuple(mine + theirs for mine, theirs in zip(self.xx, other.xx, strict=True))
         return ProductSums(self.ww + other.ww, self.wx + other.wx, self.wy + other.wy, self.xy + other.xy, xx)
+
+    def add_known(self, known: PriorInformation, base: IndexArray) -> ProductSums:
+        """Return the products with what is known of the model's parameters, whose columns are `base` (b,)."""
+        squares, right = known.compute_products(base, np.diag(self.ww))
+        return replace(self, ww=self.ww + squares, wy=self.wy + right)
 
     def subtract(self, other: ProductSums) -> ProductSums:
         """Return the products of the rows that are in these sums and not in the others.

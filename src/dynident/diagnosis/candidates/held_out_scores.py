@@ -88,8 +88,8 @@ class FoldedFits:
                 reduce(ProductSums.add, (own for own, (_, numbers) in zip(sums, cells, strict=True) if numbers[k] == n))
                 for n in range(len(each))
             ]
-            fits.append(tuple(FoldFit(total.subtract(own), blocks.portions) for own in left_out))
-        return cls(blocks, FoldFit(total, blocks.portions), tuple(fits), cells)
+            fits.append(tuple(blocks.fit_model(total.subtract(own)) for own in left_out))
+        return cls(blocks, blocks.fit_model(total), tuple(fits), cells)
 
     def read_cells(self) -> Iterator[tuple[int, IndexArray, JointBlock, tuple[FoldFit, ...]]]:
         """Yield joint, blocks, their rows or products, and the fit without them by kind; rows are read once."""
@@ -183,7 +183,7 @@ def compute_contributions(
     nothing, and its square is what the candidate removes where it does.
     """
     blocks = JointBlocks.from_products(data, base, candidates)
-    return _compute_contributions(blocks, FoldFit(blocks.sum_products(noise), blocks.portions), len(candidates), noise)
+    return _compute_contributions(blocks, blocks.fit_model(blocks.sum_products(noise)), len(candidates), noise)
 
 
 def _compute_contributions(blocks: JointBlocks, fit: FoldFit, count: int, noise: FloatArray) -> list[FloatArray]:
@@ -211,7 +211,7 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
     From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
-    fit = FoldFit(blocks.sum_products(noise), blocks.portions)
+    fit = blocks.fit_model(blocks.sum_products(noise))
     scores = _compute_contributions(blocks, fit, count, noise)
     # The correction for few clusters, m / (m - 1).
     more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
@@ -240,7 +240,7 @@ def compute_fitted_errors(
         Errors before and after, separability and amplitudes of the candidate.
     """
     blocks = JointBlocks.from_products(data, base, [candidate])
-    fit = FoldFit(blocks.sum_products(noise), blocks.portions)
+    fit = blocks.fit_model(blocks.sum_products(noise))
     amplitudes = blocks.fit_amplitudes(fit)
     before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
     for j, block in enumerate(blocks.joints):

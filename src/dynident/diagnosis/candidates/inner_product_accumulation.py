@@ -355,7 +355,7 @@ class PhasedProducts:
             (*plain, *(rows.stacks[j] for rows in own))
             for j, (plain, own) in enumerate(zip(self.moving.stacks, more, strict=True))
         )
-        return Products(tuple(stacks), self.moving.position, counts, self.moving.run)
+        return Products(tuple(stacks), self.moving.position, counts, self.moving.run, self.moving.known)
 
 
 def gather_products(
@@ -433,7 +433,7 @@ def gather_products(
     run = blocks.list_runs()
     (stacks, counts), turning, partial = collected.finish(len(run))
     position = tuple(_locate_columns(columns, observation.n_columns) for _, columns in layout)
-    moving = Products(tuple((stack,) for stack in stacks), position, counts, run)
+    moving = Products(tuple((stack,) for stack in stacks), position, counts, run, inputs.known)
     return PhasedProducts(moving, ConditionalRows(*turning, turns), ConditionalRows(*partial, starts))
 
 

@@ -34,6 +34,7 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import (
     locate_columns,
     sum_by_block,
 )
+from dynident.estimation import PriorInformation
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,8 +396,8 @@ class JointBlocks:
 
     Parameters
     ----------
-    n_base : int
-        Number of columns b of the model.
+    base : (b,)
+        Columns of the model.
     n_extra : int
         Number of columns c of the candidates.
     n_blocks : int
@@ -405,13 +406,16 @@ class JointBlocks:
         The candidates, by number of columns.
     joints : tuple of JointBlock
         Rows or products of each joint.
+    known : PriorInformation or None
+        What is known of the model's parameters beside the data.
     """
 
-    n_base: int
+    base: IndexArray
     n_extra: int
     n_blocks: int
     portions: tuple[Batch, ...]
     joints: tuple[JointBlock, ...]
+    known: PriorInformation | None
 
     @classmethod
     def from_products(cls, data: Products, base: IndexArray, candidates: Sequence[Candidate]) -> JointBlocks:
@@ -419,12 +423,16 @@ class JointBlocks:
         extra = list_extra_columns(candidates)
         portions = split_batches(candidates, extra)
         joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))
-        return cls(len(base), len(extra), data.n_blocks, portions, joints)
+        return cls(np.asarray(base, dtype=np.intp), len(extra), data.n_blocks, portions, joints, data.known)
 
     def select_blocks(self, blocks: IndexArray) -> JointBlocks:
         """Return the same for some of the blocks."""
         joints = tuple(joint.select_blocks(blocks) for joint in self.joints)
-        return JointBlocks(self.n_base, self.n_extra, len(blocks), self.portions, joints)
+        return replace(self, n_blocks=len(blocks), joints=joints)
+
+    def fit_model(self, sums: ProductSums) -> FoldFit:
+        """Fit the model to the rows of some blocks, given their sums, and to what is known beside them."""
+        return FoldFit(sums if self.known is None else sums.add_known(self.known, self.base), self.portions)
 
     def fit_amplitudes(self, fit: FoldFit) -> Amplitudes:
         """Fit the parameters of each candidate beside the model."""
@@ -433,7 +441,7 @@ class JointBlocks:
 
     def sum_products(self, noise: FloatArray) -> ProductSums:
         """Return the sums over all blocks and joints, each joint in units of its noise (n,)."""
-        b, c = self.n_base, self.n_extra
+        b, c = len(self.base), self.n_extra
         ww, wx, wy, xy = np.zeros((b, b)), np.zeros((b, c)), np.zeros(b), np.zeros(c)
         xx = np.zeros(sum(portion.columns.size * portion.width for portion in self.portions))
         for block, sigma in zip(self.joints, noise, strict=True):

@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation import Reduction
+from dynident.estimation import PriorInformation, Reduction
 
 # Numbers of folds: a model is fitted once a fold, and loses that share of the data.
 N_FOLDS = 5
@@ -168,12 +168,15 @@ class Products:
         Number of rows by block and joint.
     run : (s,)
         Number of the run that each block is of.
+    known : PriorInformation, optional
+        What is known of the first columns' parameters beside the data.
     """
 
     stacks: tuple[tuple[Stack, ...], ...]
     position: tuple[IndexArray, ...]
     counts: FloatArray
     run: IndexArray
+    known: PriorInformation | None = None
 
     @classmethod
     def from_grams(

@@ -17,7 +17,6 @@ from dynident.diagnosis.candidates.candidate_pool import (
     is_width_resolved,
     select_columns_on,
 )
-from dynident.diagnosis.candidates.fold_fit import FoldFit
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
@@ -401,7 +400,7 @@ def predict_with_findings(
     columns = [state.pool.observation.columns[k] for k in state.base[state.pool.n_base :]]
     observation = model.observation.extend(columns, model.signals)
     blocks = JointBlocks.from_products(state.rows, state.columns, ())
-    values = FoldFit(blocks.sum_products(state.noise), blocks.portions).chi
+    values = blocks.fit_model(blocks.sum_products(state.noise)).chi
     return [
         predict_again(comparison, observation, values, replace(inputs, recordings=[recording]))
         for comparison, recording in zip(comparisons, inputs.recordings, strict=True)

@@ -226,6 +226,9 @@ def _sum_products(
         mixed[np.ix_(known, have)] += total[: len(known), :-1]
         squares[np.ix_(have, have)] += total[len(known) : -1, :-1]
         right[have] += total[len(known) : -1, -1]
+    if data.known is not None:
+        more, more_right = data.known.compute_products(np.array(own, dtype=np.intp), np.diag(squares))
+        squares, right = squares + more, right + more_right
     return mixed, squares, right
 
 
