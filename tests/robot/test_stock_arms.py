@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note
 from dynident.motion import Surroundings
 from dynident.motion.collision.exact_distances import build_solid
 from dynident.motion.collision.free_space import build_free_space
@@ -75,7 +75,7 @@ def test_a_stock_arm_is_checked_for_collision_with_all_its_meshes(name: str) -> 
     surroundings = Surroundings(mesh_folders=(str(STOCK.parent),))
     space = build_free_space(robot, surroundings, low, high)
     assert space is not None
-    assert not [note for note in space.notes if note.startswith(UNCHECKED)]
+    assert not [note for note in space.notes if isinstance(note, Note) and note.code == UNCHECKED]
 
 
 def test_a_folder_without_any_of_the_meshes_is_refused_with_the_files_sought(tmp_path: Path) -> None:
@@ -93,5 +93,6 @@ def test_a_mesh_that_is_not_there_beside_others_is_told_of_in_capitals(tmp_path:
     robot = robot_from_urdf("arm", PRISM.format(name="one"))
     found = collision_geometry(robot, mesh_folders=[tmp_path])
     assert [body.name for body in found.bodies] == ["one"]
-    assert found.notes[0].startswith(UNCHECKED)
+    assert isinstance(found.notes[0], Note)
+    assert found.notes[0].code == UNCHECKED
     assert str(tmp_path / "arm" / "meshes" / "two.stl") in found.notes[0]

@@ -44,6 +44,7 @@ from dynident_service.identifications.wire_types import (
     StoredIdentification,
 )
 from dynident_service.jobs.task_input_output import Outcome, Task
+from dynident_service.measurements.adapters import to_recording_metadata
 from dynident_service.measurements.wire_types import MeasurementMetadata, SeenMeasurement
 from dynident_service.shared.field_by_field import from_wire_choices, to_view
 from dynident_service.shared.stored_inputs import load_stored_model, load_stored_robot, open_stored_recordings
@@ -58,7 +59,7 @@ def identify_model(task: Task) -> Outcome:
     training = open_stored_recordings(task, request.measurement_ids)
     validation = open_stored_recordings(task, request.validation_ids)
     # Filters that the user left open are chosen from these recordings.
-    choices = to_choices(request, robot, training)
+    choices = to_choices(request, training)
     return _build_outcome(task, identify(robot, training, validation, choices, task.progress))
 
 
@@ -174,7 +175,11 @@ def judge_model(
 
 
 def _build_checks(measurement: SentMeasurement) -> list[Check]:
-    return [Check(check["name"], check["status"], check["detail"]) for check in measurement["checks"]]
+    accepted = to_recording_metadata(MeasurementMetadata.model_validate(measurement["request"])).accept
+    return [
+        Check(check["name"], check["status"], check["detail"], is_accepted=check["name"] in accepted)
+        for check in measurement["checks"]
+    ]
 
 
 def _open_measurement(measurement: SentMeasurement, names: set[str]) -> OpenedMeasurement:

@@ -103,12 +103,6 @@ _KINDS = (
 _INSERTING = {table: insert(table) for table in (RESOURCES, DEPENDENCIES, OBJECTS, RETRIES)}
 
 
-def insert_resource(session: Session, objects: ObjectStore, new: NewResource, owner: str | None) -> Resource:
-    """Insert one resource within a transaction; the caller commits."""
-    (resource,) = insert_resources(session, objects, [new], owner)
-    return resource
-
-
 def insert_resources(
     session: Session, objects: ObjectStore, several: Sequence[NewResource], owner: str | None
 ) -> list[Resource]:

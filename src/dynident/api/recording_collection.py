@@ -11,7 +11,6 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.argument_checks import check_arguments
 from dynident.api.figure import Figure, join_figures
 from dynident.api.named_tables import Framed, Table
 from dynident.errors import DynidentError, describe_value
@@ -115,7 +114,6 @@ class CheckedRecording(Framed):
         samples = self._read_samples()
         return Table(samples.columns, samples.units)
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time.
 
@@ -230,7 +228,6 @@ class Recordings(Sequence[CheckedRecording], Framed):
             columns, {name: unit for recording_samples in samples for name, unit in recording_samples.units.items()}
         )
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time, one recording below the other.
 

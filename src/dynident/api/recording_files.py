@@ -164,6 +164,15 @@ def _format_question(question: Question) -> str:
     return f"{question.field}: {question.detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
 
 
+_OTHER_ARGUMENTS = {
+    "drives": "drive_gains",
+    "meshes": "surroundings=dy.Surroundings(mesh_folders=[…])",
+    "assume_floor": "surroundings=dy.Surroundings(assume_floor=False)",
+    "identification_id": "design(model, …)",
+}
+"""Arguments that are called otherwise than the field of a remedy."""
+
+
 def write_argument(remedy: Remedy) -> str:
     """Return a remedy as an argument of this package's functions."""
     text = str(remedy).partition(": ")[2]
@@ -173,8 +182,8 @@ def write_argument(remedy: Remedy) -> str:
         return f"{remedy.field}={text}"
     if remedy.field in ("locked_joints", "gravity"):
         return f"load_robot(…, {remedy.field}={text})"
-    if remedy.field == "drives":
-        return "drive_gains"
+    if remedy.field in _OTHER_ARGUMENTS:
+        return _OTHER_ARGUMENTS[remedy.field]
     return f"metadata=dy.RecordingMetadata({remedy.field}={text})"
 
 

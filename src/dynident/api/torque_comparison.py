@@ -91,7 +91,6 @@ class ComparedRecording(Framed):
             columns[f"phase_{joint}"] = _PHASES[comparison.phase[:, index]]
         write_table(table_from_arrays(columns), check_ending(path, TABLE_ENDINGS))
 
-    @check_arguments
     def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and the residual, over time.
 
@@ -196,7 +195,6 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         }
         return Table(columns)
 
-    @check_arguments
     def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.
 
