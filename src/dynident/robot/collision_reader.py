@@ -271,7 +271,7 @@ def collision_geometry(
         shapes[joint].extend(parts.shapes)
         surfaces[joint].extend(parts.surfaces)
     names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
-    notes = [_describe_unread_meshes(unread, mesh_folders)] if unread else []
+    notes: list[str] = [_describe_unread_meshes(unread, mesh_folders)] if unread else []
     bare = [index for index in range(robot.n) if not shapes[index]]
     if link_radius is not None and bare:
         for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
