@@ -46,7 +46,6 @@ FAMILY_KINDS = OneOf(
     Choice("b_spline", "B-spline", "Free coefficients between even knots: periodic."),
     Choice("point_to_point", "from point to point", "Moves as a controller makes them, from rest to rest."),
 )
-FAMILIES = FAMILY_KINDS.names
 SET_KINDS = OneOf(
     Choice("link_by_link", "link by link", "Starting from the terminal link."),
     Choice("wrist_then_shoulder", "wrist, then shoulder", "The last three joints, then the others."),

@@ -48,16 +48,11 @@ StrategyName = str
 EstimatorName = str
 PriorName = str
 
-AVAILABLE_MODELS = MODELS.names
-AVAILABLE_STRATEGIES = STRATEGIES.names
-AVAILABLE_ESTIMATORS = ESTIMATORS.names
-AVAILABLE_PRIORS = PRIORS.names
 COVARIANCES = OneOf(
     Choice("by_time_and_joints", "all joints, over blocks of time", "All joints together, over blocks of time."),
     Choice("by_joint", "each joint, over time", "Each joint over time; joints are independent of each other."),
     Choice("independent", "nothing", "Every row counts as an independent sample [12.6].", "nothing"),
 )
-AVAILABLE_COVARIANCES = COVARIANCES.names
 STEPS = OneOf(
     Choice("link_by_link", "link by link", "From the last link to the first [12.22]."),
     Choice(
