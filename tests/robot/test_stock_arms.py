@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.errors import DynidentError, Note
+from dynident.api.recording_files import write_argument
+from dynident.errors import DynidentError, Note, word_notes
 from dynident.motion import Surroundings
 from dynident.motion.collision.exact_distances import build_solid
 from dynident.motion.collision.free_space import build_free_space
 from dynident.robot import collision_geometry, robot_from_urdf
 from dynident.robot.collision_reader import UNCHECKED
 from dynident.robot.collision_shapes import Hull
+from dynident_cli.request_options import write_option
 
 STOCK = next(Path(sys.prefix).glob("lib*/python3*/site-packages/cmeel.prefix/share/example-robot-data/robots"), None)
 ARMS = {
@@ -95,4 +97,8 @@ def test_a_mesh_that_is_not_there_beside_others_is_told_of_in_capitals(tmp_path:
     assert [body.name for body in found.bodies] == ["one"]
     assert isinstance(found.notes[0], Note)
     assert found.notes[0].code == UNCHECKED
+    assert not found.notes[0].remedies
+    (note,) = collision_geometry(robot).notes
+    assert word_notes([note], write_option)[0].endswith("Give the meshes: --meshes FOLDER.")
+    assert "mesh_folders=[" in word_notes([note], write_argument)[0]
     assert str(tmp_path / "arm" / "meshes" / "two.stl") in found.notes[0]

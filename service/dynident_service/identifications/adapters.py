@@ -55,6 +55,7 @@ from dynident_service.identifications.wire_types import (
 )
 from dynident_service.measurements.adapters import show_revision, to_recording_metadata
 from dynident_service.measurements.wire_types import MeasurementMetadata
+from dynident_service.problems import show_remedies
 from dynident_service.shared.field_by_field import (
     from_view,
     from_wire_choices,
@@ -209,6 +210,7 @@ def _show_stop(stop: Stop, measurement: OpenedMeasurement | None) -> wire.StopVi
         cause=stop.cause,
         measurement_id=stop.recording if measurement is None else measurement.id,
         apply=None if cure is None else show_revision(cure),
+        remedies=show_remedies(stop.remedies),
     )
 
 

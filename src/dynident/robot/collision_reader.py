@@ -354,8 +354,8 @@ def _describe_unread_meshes(unread: Sequence[str], mesh_folders: Sequence[Path])
     remedies = () if mesh_folders else (Remedy("meshes"),)
     cure = "".join(f" Give the meshes: {remedy}." for remedy in remedies)
     rest = f"; and {len(unread) - _SHOWN} more" if len(unread) > _SHOWN else ""
-    text = f"{len(unread)} meshes that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
-    return Note(f"COLLISION IS NOT CHECKED for {text}", remedies, UNCHECKED)
+    text = f"mesh{'es' if len(unread) > 1 else ''} that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
+    return Note(f"COLLISION IS NOT CHECKED for {len(unread)} {text}", remedies, UNCHECKED)
 
 
 def _place_links(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
