@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from dynident.api.argument_checks import require
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model_results import ModelResults
-from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.named_tables import Framed, Items, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
@@ -371,7 +370,7 @@ class Model(ModelResults):
 
 
 @dataclass(frozen=True, eq=False)
-class Ladder(Sequence[Model], Framed):
+class Ladder(Items[Model], Framed):
     """Models in the order in which each was made from the one before.
 
     Its table has the errors where joints move, by which the best model is chosen. `to_frame` has a row for each model:
@@ -428,19 +427,6 @@ class Ladder(Sequence[Model], Framed):
         return join_figures(
             [draw_models([model.identification for model in self.items])], f"errors of {count}, joint by joint"
         )
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def __iter__(self) -> Iterator[Model]:
-        return iter(self.items)
-
-    @overload
-    def __getitem__(self, index: int) -> Model: ...
-    @overload
-    def __getitem__(self, index: slice) -> Ladder: ...
-    def __getitem__(self, index: int | slice) -> Model | Ladder:
-        return Ladder(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
         return self._table().to_text(f"Ladder({len(self.items)})")
