@@ -20,7 +20,7 @@ const CONTROLS = {
   contacts: "the robot's fields of its base",
   meshes: "over HTTP or on the command line, not on this page",
   assume_floor: "“Assume floor”, under “More about obstacles”",
-  identification_id: "over HTTP or on the command line, not on this page",
+  identification_id: "“Torque predicted by”",
 };
 
 function remedyInWords({ field, value }, joints) {
