@@ -164,7 +164,7 @@ def judge_model(
         [_open_measurement(measurement, names) for measurement in held_out],
     )
     pairs = zip([*opened[0], *opened[1]], [*fitted, *held_out], strict=True)
-    checks = {measurement.recording.name: _build_checks(sent) for measurement, sent in pairs}
+    checks = {measurement.recording.name: build_checks(sent) for measurement, sent in pairs}
     recordings, validation = ([measurement.recording for measurement in group] for group in opened)
     ended = [
         EndedValidation(outcome["kind"], ValidationOutcome(outcome["verdict"], outcome["reason"]))
@@ -174,7 +174,8 @@ def judge_model(
     return to_plain_json(show_verdict(result, [*opened[0], *opened[1]]))
 
 
-def _build_checks(measurement: SentMeasurement) -> list[Check]:
+def build_checks(measurement: SentMeasurement) -> list[Check]:
+    """Build the checks of a measurement; whether one is accepted is stated by its request."""
     accepted = to_recording_metadata(MeasurementMetadata.model_validate(measurement["request"])).accept
     return [
         Check(check["name"], check["status"], check["detail"], is_accepted=check["name"] in accepted)
