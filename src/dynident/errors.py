@@ -1,4 +1,4 @@
-"""`DynidentError`: errors that a user can remove, with place and remedies; misspelt names, wrong types; `Cancelled`."""
+"""`DynidentError`: errors that a user can remove, with place and remedies; notes; misspelt names, types; `Cancelled`."""
 
 from __future__ import annotations
 
