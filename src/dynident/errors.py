@@ -1,4 +1,4 @@
-"""`DynidentError`: errors that a user can remove, with place and remedies; notes; misspelt names, types; `Cancelled`."""
+"""`DynidentError`: errors that users can remove, with place and remedies; notes, misspelt names, types; `Cancelled`."""
 
 from __future__ import annotations
 
