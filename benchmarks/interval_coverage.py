@@ -31,7 +31,7 @@ from dynident.effects import STOP, Column, EffectChoice, MemorySignal, Reference
 from dynident.effects.hysteresis_states import step_state
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
-from dynident.identification.identification_choices import AVAILABLE_COVARIANCES, EstimatorName
+from dynident.identification.identification_choices import COVARIANCES, EstimatorName
 from dynident.identification.identified_models.torque_prediction import predict
 from dynident.identification.shape_search import refine_shapes
 from dynident.progress import ignore_progress
@@ -177,7 +177,7 @@ def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls", mem
     arm = VirtualArm()
     model = build_model(arm.robot, EFFECTS)
     truth = model.base.grouping @ arm.standard
-    held: dict[CovarianceName, list[FloatArray]] = {name: [] for name in AVAILABLE_COVARIANCES}
+    held: dict[CovarianceName, list[FloatArray]] = {name: [] for name in COVARIANCES.names}
     errors, deviations, torques = [], [], []
     for seed in range(first, first + recordings):
         recording = arm.recorded(seed, memory)
@@ -188,7 +188,7 @@ def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls", mem
         )
         errors.append(found.values - truth)
         deviations.append(found.statistics.standard_deviations)
-        for name in AVAILABLE_COVARIANCES:
+        for name in COVARIANCES.names:
             told = name == choices.covariance
             spread = found.statistics if told else statistics(found.data.equations, found.estimate.solution, name)
             held[name].append(np.abs(errors[-1]) <= spread.half_widths())

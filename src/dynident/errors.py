@@ -1,4 +1,4 @@
-"""`DynidentError`: errors that a user can remove, with place and remedies; misspelt names, wrong types; `Cancelled`."""
+"""`DynidentError`: errors that users can remove, with place and remedies; notes, misspelt names, types; `Cancelled`."""
 
 from __future__ import annotations
 
@@ -52,6 +52,42 @@ def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy
     return text
 
 
+class Note(str):
+    """A sentence for the user, with the remedies that it quotes.
+
+    Parameters
+    ----------
+    text : str
+        The sentence.
+    remedies : tuple of Remedy
+        Those that it quotes.
+    code : str
+        What was not checked, where that has to be known before a robot moves; empty otherwise.
+    """
+
+    remedies: tuple[Remedy, ...]
+    code: str
+
+    def __new__(cls, text: str, remedies: tuple[Remedy, ...] = (), code: str = "") -> Note:
+        """Make the sentence, which is a text like any other."""
+        note = super().__new__(cls, text)
+        note.remedies, note.code = remedies, code
+        return note
+
+
+def word_notes(notes: Iterable[str], write: Callable[[Remedy], str]) -> list[str]:
+    """Return notes with their remedies in another syntax.
+
+    Parameters
+    ----------
+    notes : iterable of str or Note
+        The notes; plain texts quote no remedies.
+    write : function
+        Returns a remedy as it is written there.
+    """
+    return [word_remedies(note, note.remedies, write) if isinstance(note, Note) else note for note in notes]
+
+
 def _write_json(value: object) -> str:
     # Not by the module json, which knows neither a value to be filled in nor short numbers.
     if isinstance(value, Mapping):
@@ -60,6 +96,8 @@ def _write_json(value: object) -> str:
         return "[" + ", ".join(map(_write_json, value)) + "]"
     if isinstance(value, str):
         return f'"{value}"'
+    if isinstance(value, bool):
+        return str(value).lower()
     return "…" if value is ... else f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -6,7 +6,6 @@ Nothing slow is imported here, so that a command line can check a name at once.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -23,15 +22,9 @@ def list_library_arms() -> tuple[str, ...]:
     return tuple(sorted(name.removesuffix(".json") for name in names if name.endswith(".json")))
 
 
-def list_stock_robots(search_path: Sequence[str] | None = None) -> dict[str, Path]:
-    """Return the URDF files of example-robot-data by name, such as "so101"; empty where it is not installed.
-
-    Parameters
-    ----------
-    search_path : sequence of str, optional
-        Folders of installed packages; by default `sys.path`.
-    """
-    folders = (Path(entry) / _STOCK_FOLDER for entry in (sys.path if search_path is None else search_path))
+def list_stock_robots() -> dict[str, Path]:
+    """Return the URDF files of example-robot-data by name, such as "so101"; empty where it is not installed."""
+    folders = (Path(entry) / _STOCK_FOLDER for entry in sys.path)
     folder = next((folder for folder in folders if folder.is_dir()), None)
     if folder is None:
         return {}

@@ -129,7 +129,7 @@ def format_range(low: float, high: float, unit: str, digits: int = 3) -> str:
     return f"{format_number(low, digits)} … {format_number(high, digits)} {unit}"
 
 
-def format_count(count: int, noun: str, plural: str | None = None) -> str:
+def format_count(count: int, noun: str) -> str:
     """Format a count with its noun in the singular or the plural.
 
     Parameters
@@ -138,15 +138,13 @@ def format_count(count: int, noun: str, plural: str | None = None) -> str:
         The count.
     noun : str
         The noun in the singular.
-    plural : str, optional
-        The plural, where it is not the noun with an s.
 
     Returns
     -------
     str
         The count and the noun, with narrow spaces between thousands.
     """
-    return f"{count:,} {noun if count == 1 else plural or noun + 's'}".replace(",", NARROW_SPACE)
+    return f"{count:,} {noun if count == 1 else noun + 's'}".replace(",", NARROW_SPACE)
 
 
 def _count_decimals(value: float, digits: int) -> int:

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from dynident.effects import get_effect
 from dynident.effects.effect_text_format import parse_effect, split_effects
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, word_notes
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.known_robots import locate_robot
 from dynident.presentation.design_tables import build_design_tables, describe_design
@@ -23,6 +23,7 @@ from dynident.simulation import ActingEffect, Reference, TrueEffect
 from dynident.simulation.reference_motion import read_reference
 from dynident_cli.command_output import print_tables
 from dynident_cli.contract_documents import load_diagnosis
+from dynident_cli.request_options import write_option
 
 
 def load_proposed_design(path: Path) -> DesignRequest:
@@ -48,7 +49,7 @@ def choose_mesh_folders(robot: Robot, argument: str, folders: Sequence[Path] | N
 
 def print_warnings(console: Console, design: Design) -> None:
     """Print the warnings of a design after everything else, where they are not overlooked."""
-    for warning in design.warnings:
+    for warning in word_notes(design.warnings, write_option):
         console.print(f"warning: {warning}", style="bold red")
 
 
@@ -56,10 +57,9 @@ def show_design(console: Console, design: Design, robot: Robot) -> None:
     """Print how good a design is, how near it comes to the limits, and its test motions."""
     # The nearest limits are what somebody decides by.
     print_tables(console, build_design_tables(robot, design, most_limits=5))
-    for note in design.notes:
-        # Warnings are among the notes, and are printed by `print_warnings`.
-        if note not in design.warnings:
-            console.print(f"  {note}", style="dim")
+    # Warnings are among the notes, and are printed by `print_warnings`.
+    for note in word_notes((note for note in design.notes if note not in design.warnings), write_option):
+        console.print(f"  {note}", style="dim")
     console.print(describe_design(design))
 
 

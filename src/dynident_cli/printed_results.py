@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from dynident.effects import get_effect
+from dynident.errors import word_remedies
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import (
     EssentialPath,
@@ -59,6 +60,7 @@ from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 from dynident_cli.command_output import print_tables, write_model
 from dynident_cli.contract_documents import to_document
+from dynident_cli.request_options import write_option
 
 if TYPE_CHECKING:
     from dynident.api.model import Model
@@ -232,7 +234,7 @@ def show_verdict(console: Console, verdict: ModelVerdict) -> None:
     """Print for which uses a model is fit, why or why not, and what to do next."""
     # After a gross fault the uses mean nothing.
     if verdict.stop is not None:
-        console.print(f"✕ {verdict.summary}", style="bold red")
+        console.print(f"✕ {word_remedies(verdict.summary, verdict.stop.remedies, write_option)}", style="bold red")
     else:
         # What several uses lack alike is said once.
         alike: dict[tuple[str, str], list[Use]] = {}

@@ -105,17 +105,24 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
     return run_with_options
 
 
+_OPTIONS_TO_FILL = {
+    "drives": "--drive-gains",
+    "rate": "--rate HZ",
+    "contacts": "--contacts",
+    "meshes": "--meshes FOLDER",
+    "assume_floor": "--no-floor",
+    "identification_id": "--identified MODEL",
+}
+"""Options of remedies that the field does not name, or whose value only the user knows."""
+
+
 def write_option(remedy: Remedy) -> str:
     """Return a remedy as options of the command line."""
     from dynident.recordings.recording_metadata import DELAY
 
     option, value = f"--{remedy.field.replace('_', '-')}", remedy.value
-    if remedy.field == "drives":
-        return "--drive-gains"
-    if remedy.field == "rate":
-        return "--rate HZ" if value is ... else f"--rate {_write_value(value)}"
-    if remedy.field == "contacts":
-        return "--contacts"
+    if remedy.field in _OPTIONS_TO_FILL and not (remedy.field == "rate" and value is not ...):
+        return _OPTIONS_TO_FILL[remedy.field]
     if remedy.field == "role":
         return f"option --{value}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):

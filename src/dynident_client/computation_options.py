@@ -212,7 +212,7 @@ class IdentificationOptions(TypedDict, total=False):
     strategy: Literal["global", "sequential", "separate_friction"]
     """Order in which parameters are estimated"""
     weigh_turns: bool
-    """For joint torques with wls or feasible: rows at reversals have their own weight"""
+    """For joint torques by weighted or feasible least squares: rows at reversals have their own weight"""
 
 
 class Limits(TypedDict, total=False):
@@ -386,21 +386,21 @@ class Trajectory(TypedDict, total=False):
     """Duration of one period; for a set, of about one run; for constant velocity, of the longest stroke; for a slow
     sweep, of one direction; for point to point, it is a result, in s (0.01 to 86400)"""
     dwell: tuple[float, float]
-    """For point_to_point: shortest and longest rest in a point; rests are random between them, in s (0 to 60)"""
+    """From point to point: shortest and longest rest in a point; rests are random between them, in s (0 to 60)"""
     family: Literal["fourier", "b_spline", "point_to_point"]
     """Family of functions that describes the motion"""
     harmonics: int
-    """For fourier: number of harmonics of the frequency 1 / duration (2 to 100)"""
+    """For Fourier series: number of harmonics of the frequency 1 / duration (2 to 100)"""
     intervals: int
-    """For b_spline: number of intervals between knots; equals the free coefficients per joint (2 to 200)"""
+    """For B-splines: number of intervals between knots; equals the free coefficients per joint (2 to 200)"""
     joints: Sequence[str]
     """Joints that move, with the others locked at home; all if empty"""
     paces: Sequence[float]
-    """For fourier and b_spline: repeat the path at each of these shares of its speed (0.0001 to 1)"""
+    """For Fourier series and B-splines: repeat the path at each of these shares of its speed (0.0001 to 1)"""
     periods: int
     """Number of repetitions of the period or of the set of strokes (1 to 1e+06)"""
     points: int
-    """For point_to_point: number of points per round where the arm comes to rest (2 to 200)"""
+    """From point to point: number of points per round where the arm comes to rest (2 to 200)"""
     sampling_rate: float
     """Sampling rate, in Hz (0.1 to 100000)"""
     sets: Literal["link_by_link", "wrist_then_shoulder", "vandanjon"]

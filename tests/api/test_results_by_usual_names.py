@@ -40,6 +40,18 @@ def test_values_deviations_and_intervals_go_by_the_names_of_the_parameters(model
     np.testing.assert_array_equal(np.asarray(model.params), model.identification.values)
 
 
+def test_results_that_hold_several_go_by_number_name_and_slice(model: dy.Model, runs: dy.Recordings) -> None:
+    joint = model.robot.joint_names[1]
+    assert model.errors[joint] is model.errors[1]
+    assert model.parameters["Fc2"] in model.parameters[:]
+    for several in (model.parameters, model.errors, model.ladder, runs, dy.compare(model, runs)):
+        assert list(several[:1]) == [several[0]]
+        assert type(several[:1]) is type(several)
+        assert len(several[:0]) == 0
+        with pytest.raises(KeyError, match="'nothing'"):
+            several["nothing"]
+
+
 def test_the_covariance_goes_by_two_names_and_agrees_with_the_deviations(model: dy.Model) -> None:
     covariance = model.covariance
     assert covariance["Fc1", "Fv1"] == covariance["Fv1", "Fc1"] != 0

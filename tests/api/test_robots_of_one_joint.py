@@ -12,16 +12,11 @@ from support.one_joint_robots import ONE_JOINT, one_joint_recordings, one_joint_
 
 import dynident as dy
 from dynident.excitation.criteria.criterion_choice import CRITERIA
-from dynident.excitation.design_request import FAMILIES, JOINT_BY_JOINT
+from dynident.excitation.design_request import FAMILY_KINDS, JOINT_BY_JOINT
 from dynident.export import ExportFormat, export_model
 from dynident.export.export_request import LOAD_FORMATS
-from dynident.identification.identification_choices import (
-    AVAILABLE_COVARIANCES,
-    AVAILABLE_ESTIMATORS,
-    AVAILABLE_MODELS,
-    AVAILABLE_STRATEGIES,
-    STEPS,
-)
+from dynident.identification.identification_choices import COVARIANCES, STEPS
+from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, STRATEGIES
 from dynident.progress import ignore_progress
 from dynident.regressors import ROW_MODELS
 from dynident.validation.validation_request import TRIALS, ValidationData
@@ -46,7 +41,7 @@ def diagnosis_of(name: str) -> dy.DiagnosedModel:
 
 def designs() -> dict[str, dy.DesignRequest]:
     """Every family, criterion and kind of rows; one at a time is another's than the default."""
-    found = {f"family {one}": replace(QUICK, trajectory=replace(SHORT, family=one)) for one in FAMILIES}
+    found = {f"family {one}": replace(QUICK, trajectory=replace(SHORT, family=one)) for one in FAMILY_KINDS.names}
     found |= {f"kind {one}": replace(QUICK, kind=one) for one in ("random", "sequential", *JOINT_BY_JOINT)}
     found |= {f"rows {one}": replace(QUICK, model=one) for one in ROW_MODELS}
     told_apart = {"separation": {"effects": (BENT,)}, "parameters": {"parameters": ("Fc1",)}}
@@ -71,10 +66,10 @@ def test_every_experiment_is_designed(name: str, wanted: str) -> None:
 @pytest.mark.parametrize("name", ONE_JOINT)
 def test_every_model_strategy_and_estimator_finds_the_same(name: str) -> None:
     runs, robot = one_joint_recordings(name), one_joint_robot(name)
-    choices = [dy.IdentificationChoices(model=one) for one in AVAILABLE_MODELS if one != "base_wrench"]
-    choices += [dy.IdentificationChoices(estimator=one) for one in AVAILABLE_ESTIMATORS]
-    choices += [dy.IdentificationChoices(covariance=one) for one in AVAILABLE_COVARIANCES]
-    choices += [dy.IdentificationChoices(strategy=s, steps=one) for s in AVAILABLE_STRATEGIES for one in STEPS.names]
+    choices = [dy.IdentificationChoices(model=one) for one in MODELS.names if one != "base_wrench"]
+    choices += [dy.IdentificationChoices(estimator=one) for one in ESTIMATORS.names]
+    choices += [dy.IdentificationChoices(covariance=one) for one in COVARIANCES.names]
+    choices += [dy.IdentificationChoices(strategy=s, steps=one) for s in STRATEGIES.names for one in STEPS.names]
     choices += [dy.IdentificationChoices(prior="description")]
     choices += [dy.IdentificationChoices(prior="description_entropic", estimator="feasible")]
     for choice in choices:
@@ -96,7 +91,7 @@ def test_the_missing_effect_is_named_and_added(name: str) -> None:
 
 @pytest.mark.sweep
 @pytest.mark.parametrize("name", ONE_JOINT)
-@pytest.mark.parametrize("rows", [one for one in AVAILABLE_MODELS if one != "base_wrench"])
+@pytest.mark.parametrize("rows", [one for one in MODELS.names if one != "base_wrench"])
 def test_every_kind_of_rows_is_diagnosed(name: str, rows: str) -> None:
     runs = one_joint_recordings(name)
     model = dy.identify(one_joint_robot(name), runs[:1], choices=dy.IdentificationChoices(model=rows))

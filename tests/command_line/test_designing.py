@@ -79,7 +79,7 @@ def test_a_mesh_that_is_not_found_is_warned_of_in_plain_sight(tmp_path: Path) ->
     answer = dynident("design", tmp_path / "arm.urdf", *QUICK, "-o", tmp_path / "t.csv", "--json")
     assert answer.code == 0, answer.err
     assert "warning: COLLISION IS NOT CHECKED" in answer.err
-    assert "--meshes FOLDER" in answer.err
+    assert "Give the meshes: --meshes FOLDER." in " ".join(answer.err.split())
 
 
 def test_meshes_are_found_in_the_folders_above_the_file_and_a_floor_can_be_left_out(tmp_path: Path) -> None:
@@ -105,6 +105,9 @@ def test_meshes_are_found_in_the_folders_above_the_file_and_a_floor_can_be_left_
     assert answer.code == 0, answer.err
     assert "COLLISION IS NOT CHECKED" not in answer.err
     assert "warning: NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED" in " ".join(answer.err.split())
+    told = " ".join(answer.out.split())
+    assert "that there is no floor: --no-floor." in told
+    assert "assume_floor" not in told
     answer = dynident("design", folder / "arm.urdf", *QUICK, "--no-floor", "-o", tmp_path / "t.csv")
     assert "warning: NOTHING AROUND THE ROBOT IS CHECKED" in " ".join(answer.err.split())
 

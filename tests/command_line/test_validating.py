@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from support.running_commands import ROBOT, dynident
 
-from dynident.identification.identification_choices import AVAILABLE_MODELS
+from dynident.identification.methods.base_classes import MODELS
 
 
 def test_unseen_data_and_own_data(desk: Path):
@@ -156,7 +156,7 @@ def test_what_does_not_fit_is_said_in_words(desk: Path, arguments: list[str], sa
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("model", [name for name in AVAILABLE_MODELS if name != "base_wrench"])
+@pytest.mark.parametrize("model", [name for name in MODELS.names if name != "base_wrench"])
 def test_every_model_can_be_chosen_for_an_identification(desk: Path, model: str):
     answer = dynident(
         "identify", desk / "arm.json", desk / "run1.csv", "-v", desk / "run2.csv", "--model", model, "--json"

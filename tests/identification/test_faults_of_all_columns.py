@@ -455,7 +455,7 @@ def test_a_check_of_size_vetoes_a_model_that_fits_well_until_it_is_accepted() ->
     judged = verdict(model, [fitted], [other], checks)
     assert not any(one.fit for one in judged.uses)
     assert all("masses of the description" in one.reason for one in judged.uses)
-    accepted = {"fitted": [replace(one, detail=f"{one.detail} (Accepted.)") for one in checks["fitted"]]}
+    accepted = {"fitted": [replace(one, is_accepted=True) for one in checks["fitted"]]}
     assert any(one.fit for one in verdict(model, [fitted], [other], accepted).uses)
 
 

@@ -257,6 +257,18 @@ def test_a_known_parameter_moves_its_column_to_the_known_side():
     assert from_bytes(to_bytes(fixed)).choices == fixed.choices
 
 
+def test_friction_that_would_drive_the_motion_is_no_known_value():
+    robot, recording = arm("ur10"), run(amplitude=1.2)
+    for name in ("Fc1", "Fv2"):
+        with pytest.raises(DynidentError, match=f"known {name} is -1, but friction below zero would drive") as raised:
+            identify(robot, [recording], choices=replace(CHOICES, prior=None, known={name: -1.0}))
+        assert raised.value.pointer == "/known"
+    # Beside another law of friction a part may be negative: only their sum brakes.
+    effects = (*CHOICES.effects, EffectChoice("viscous_nonlinear", ("shoulder_lift_joint",), (("p", 2.0),)))
+    found = identify(robot, [recording], choices=replace(CHOICES, prior=None, effects=effects, known={"Fv2": -0.1}))
+    assert found.values[[column.name for column in found.model.kept].index("Fv2")] == pytest.approx(-0.1)
+
+
 @pytest.mark.parametrize("estimator", ["wls", "ols", "feasible", "irls"])
 def test_a_value_with_an_error_is_weighed_against_the_data(estimator: str):
     robot, recording = arm("ur10"), run(amplitude=1.2)

@@ -222,9 +222,7 @@ def test_the_wrist_are_the_last_three_joints_of_every_arm():
     ("more", "pointer", "word"),
     [({"estimator": "feasible"}, "/estimator", "feasible"), ({"model": "power"}, "/strategy", "power")],
 )
-def test_choices_that_cannot_be_taken_in_steps_are_refused(more, pointer, word, monkeypatch):
-    monkeypatch.setattr("dynident.identification.identification_choices.AVAILABLE_ESTIMATORS", ("feasible", "auto"))
-    monkeypatch.setattr("dynident.identification.identification_choices.AVAILABLE_MODELS", ("dynamic", "power"))
+def test_choices_that_cannot_be_taken_in_steps_are_refused(more, pointer, word):
     motion, standard = states(UR10), drawn_standard(UR10)
     data = reduced_states(MODEL, [(motion, torque_of(UR10, motion, standard))])
     with pytest.raises(DynidentError, match=word) as caught:

@@ -11,7 +11,7 @@ from dynident.effects.hysteresis_states import step_state
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.shape_search import (
-    check_shapes_given,
+    check_choices,
     complete_shapes,
     find_shapes,
     lacks_shape,
@@ -169,7 +169,7 @@ def test_what_lacks_a_shape_is_known():
 
 def test_a_ripple_without_its_number_of_cycles_is_refused_with_a_way_out():
     with pytest.raises(DynidentError, match="diagnosis") as caught:
-        check_shapes_given([EffectChoice("coulomb"), EffectChoice("torque_ripple")])
+        check_choices([EffectChoice("coulomb"), EffectChoice("torque_ripple")], ROBOT)
     assert caught.value.pointer == "/effects/1/shape/k"
     with pytest.raises(DynidentError, match="diagnosis"):
         identify(

@@ -57,7 +57,7 @@ def test_no_joint_goes_through_it_with_or_without_collision_geometry(name: str) 
         found = design_experiment(robot, QUICK)
         assert measure_reach(robot, found.t, found.q).lowest >= 0.0
         assert FLOOR_ASSUMED in found.notes
-        assert found.notes[-1].startswith(FLOOR_ALONE)
+        assert getattr(found.notes[-1], "code", "") == FLOOR_ALONE
         anywhere = design_experiment(robot, replace(QUICK, surroundings=Surroundings(assume_floor=False)))
-        assert anywhere.notes[-1].startswith(NOTHING_STATED)
+        assert getattr(anywhere.notes[-1], "code", "") == NOTHING_STATED
         assert FLOOR_ASSUMED not in anywhere.notes

@@ -9,8 +9,6 @@ import pytest
 
 import dynident.testing
 from dynident.effects import CATALOGUE
-from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS
-from dynident.identification.methods.base_classes import ESTIMATORS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -34,10 +32,6 @@ def test_the_readme_leads_to_it() -> None:
 def test_the_checks_that_it_names_are_there() -> None:
     for name in re.findall(r"dynident\.testing\.(\w+)", PAGE):
         assert callable(getattr(dynident.testing, name))
-
-
-def test_estimators_are_entered_where_it_says() -> None:
-    assert set(ESTIMATORS.names) == set(AVAILABLE_ESTIMATORS)
 
 
 def test_files_among_the_effects_are_found_by_themselves() -> None:

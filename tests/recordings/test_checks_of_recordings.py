@@ -183,6 +183,7 @@ def test_what_the_user_accepts_is_a_warning(tmp_path):
     check = found(tmp_path, columns, "constant_torque", accept=("constant_torque",))
     assert check.status == "warning"
     assert "Accepted" in check.detail
+    assert check.is_accepted
 
 
 @pytest.mark.parametrize("limits", [None, LIMITS])

@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.errors import DynidentError
+from dynident.api.recording_files import write_argument
+from dynident.errors import DynidentError, Note, word_notes
 from dynident.motion import Surroundings
 from dynident.motion.collision.exact_distances import build_solid
 from dynident.motion.collision.free_space import build_free_space
 from dynident.robot import collision_geometry, robot_from_urdf
 from dynident.robot.collision_reader import UNCHECKED
 from dynident.robot.collision_shapes import Hull
+from dynident_cli.request_options import write_option
 
 STOCK = next(Path(sys.prefix).glob("lib*/python3*/site-packages/cmeel.prefix/share/example-robot-data/robots"), None)
 ARMS = {
@@ -75,7 +77,7 @@ def test_a_stock_arm_is_checked_for_collision_with_all_its_meshes(name: str) -> 
     surroundings = Surroundings(mesh_folders=(str(STOCK.parent),))
     space = build_free_space(robot, surroundings, low, high)
     assert space is not None
-    assert not [note for note in space.notes if note.startswith(UNCHECKED)]
+    assert not [note for note in space.notes if isinstance(note, Note) and note.code == UNCHECKED]
 
 
 def test_a_folder_without_any_of_the_meshes_is_refused_with_the_files_sought(tmp_path: Path) -> None:
@@ -93,5 +95,10 @@ def test_a_mesh_that_is_not_there_beside_others_is_told_of_in_capitals(tmp_path:
     robot = robot_from_urdf("arm", PRISM.format(name="one"))
     found = collision_geometry(robot, mesh_folders=[tmp_path])
     assert [body.name for body in found.bodies] == ["one"]
-    assert found.notes[0].startswith(UNCHECKED)
+    assert isinstance(found.notes[0], Note)
+    assert found.notes[0].code == UNCHECKED
+    assert not found.notes[0].remedies
+    (note,) = collision_geometry(robot).notes
+    assert word_notes([note], write_option)[0].endswith("Give the meshes: --meshes FOLDER.")
+    assert "mesh_folders=[" in word_notes([note], write_argument)[0]
     assert str(tmp_path / "arm" / "meshes" / "two.stl") in found.notes[0]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS
+from dynident.identification.methods.base_classes import ESTIMATORS, MODELS
 from dynident.robot import library_table
 from dynident_client import Client, JobFailed, ProblemError
 
@@ -47,13 +47,13 @@ def test_a_virtual_robot_goes_from_point_to_point_and_dwells(bench: Bench) -> No
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("model", [name for name in AVAILABLE_MODELS if name != "base_wrench"])
+@pytest.mark.parametrize("model", [name for name in MODELS.names if name != "base_wrench"])
 def test_every_model_predicts_what_no_parameter_saw(bench: Bench, model: str) -> None:
     assert bench.identified(model=model).result["validation"]["relative_total"] < 0.3
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("estimator", AVAILABLE_ESTIMATORS)
+@pytest.mark.parametrize("estimator", ESTIMATORS.names)
 def test_every_estimator_predicts_what_no_parameter_saw(bench: Bench, estimator: str) -> None:
     assert bench.identified(estimator=estimator).result["validation"]["relative_total"] < 0.3
 

@@ -37,6 +37,10 @@ def test_a_design_of_some_joints_is_simulated(client: TestClient, by_design: boo
         warnings = design["result"]["warnings"]
         assert warnings
         assert set(warnings) < set(design["result"]["notes"])
+        assert design["result"]["warning_codes"] == ["floor_alone_checked"]
+        told = design["result"]["remedies"]
+        assert [(one["field"], one["value"]) for one in told] == [("identification_id", None), ("assume_floor", False)]
+        assert all(any(one["text"] in note for note in design["result"]["notes"]) for one in told)
         motion = {"design_id": design["id"]}
     made = client.post("/v1/simulations", json={"robot_id": robot, **motion}).json()
     found = ended(client, made, "simulations")

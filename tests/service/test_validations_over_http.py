@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS
+from dynident.identification.methods.base_classes import ESTIMATORS, MODELS
 from dynident.robot import library_table
 from dynident_client import Client, JobFailed, ProblemError, Record
 
@@ -80,8 +80,8 @@ def test_deviations_stand_beside_those_of_draws(tried: Tried) -> None:
 def test_methods_stand_in_one_table(tried: Tried) -> None:
     found = tried.ends("methods")
     rows = found["methods"]
-    assert {row["model"] for row in rows} == set(AVAILABLE_MODELS)
-    assert {row["estimator"] for row in rows} == set(AVAILABLE_ESTIMATORS)
+    assert {row["model"] for row in rows} == set(MODELS.names)
+    assert {row["estimator"] for row in rows} == set(ESTIMATORS.names)
     assert rows[0]["distance_rms"] == 0.0
     assert rows[0]["held_out"]["relative"] == pytest.approx(tried.model["result"]["validation"]["relative"])
     for row in rows:

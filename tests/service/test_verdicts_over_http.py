@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -11,6 +12,7 @@ from service_helpers import wait_for
 from support.measurement_uploads import as_csv, sound, upload
 
 from dynident.verdict import Action, State, UseName
+from dynident_service.identifications.jobs import SentCheck, SentMeasurement, build_checks
 from dynident_service.identifications.wire_types import UseView
 from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.jobs.task_input_output import LruCache
@@ -99,6 +101,23 @@ def test_a_stop_names_the_measurement_and_its_cure(client: TestClient, robot: di
     assert client.get(f"/v1/identifications/{model}/export", params={"anyway": True}).status_code == 200
     again = client.get(f"/v1/identifications/{identified(client, robot, fitted, [right])}/verdict").json()
     assert again["stop"] is None
+
+
+def test_an_accepted_finding_vetoes_no_use_whatever_its_sentence_says(
+    tmp_path: Path, client: TestClient, robot: dict[str, Any]
+) -> None:
+    uploaded = upload(client, robot, as_csv(sound()), accept=["torque_size"]).json()
+    request = {"robot_id": robot["id"], "name": "run", "accept": uploaded["request"]["accept"]}
+    assert request["accept"] == ["torque_size"]
+    check: SentCheck = {"name": "torque_size", "status": "warning", "detail": "too small"}
+    for accepted, expected in ((request["accept"], True), ([], False)):
+        sent: SentMeasurement = {
+            "id": uploaded["id"],
+            "recording": str(tmp_path),
+            "request": {**request, "accept": accepted},
+            "checks": [check],
+        }
+        assert [one.is_accepted for one in build_checks(sent)] == [expected]
 
 
 def test_the_same_content_uploaded_twice_is_noticed(client: TestClient, robot: dict[str, Any]) -> None:

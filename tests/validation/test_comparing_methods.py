@@ -10,7 +10,7 @@ from support.measured_arm import ROBOT
 
 from dynident.errors import DynidentError
 from dynident.identification import identify
-from dynident.identification.identification_choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
+from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, STRATEGIES
 from dynident.number_format import format_percent
 from dynident.regressors.row_phases import RowPhases
 from dynident.validation import Method, available_methods, get_method, validate_methods
@@ -21,9 +21,9 @@ def test_every_available_choice_is_among_the_methods(identified):
     methods = available_methods(identified.choices)
     assert methods[0] == get_method(identified.choices)
     assert len(set(methods)) == len(methods)
-    assert {one.model for one in methods} == set(AVAILABLE_MODELS)
-    assert {one.strategy for one in methods} == set(AVAILABLE_STRATEGIES)
-    assert {one.estimator for one in methods} == set(AVAILABLE_ESTIMATORS)
+    assert {one.model for one in methods} == set(MODELS.names)
+    assert {one.strategy for one in methods} == set(STRATEGIES.names)
+    assert {one.estimator for one in methods} == set(ESTIMATORS.names)
 
 
 def test_the_table_has_what_each_method_gives_when_asked_for_alone(identified, training, unseen):
@@ -82,7 +82,7 @@ def test_a_method_that_is_worse_but_no_more_than_it_says_does_not_disagree(ident
 
 def test_a_method_that_cannot_be_used_has_its_reason_in_the_table(identified, training, unseen):
     """Nothing that belongs to friction alone has been recorded."""
-    if "separate_friction" not in AVAILABLE_STRATEGIES:
+    if "separate_friction" not in STRATEGIES.names:
         pytest.skip("the strategy is not available")
     methods = [Method(), Method(strategy="separate_friction"), Method(estimator="ols")]
     table = validate_methods(identified, [training], [unseen], methods)

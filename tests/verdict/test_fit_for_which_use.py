@@ -242,6 +242,9 @@ def test_columns_in_another_order_are_the_cause_of_a_stop(model: Identification)
     assert found.stop.apply == Revision(permutation={"tau": (2, 1, 3, 4, 5, 6)})
     assert not any(one.fit for one in found.uses)
     assert found.summary.startswith("Stop: In wrong")
+    # Each front end words what is to be done in its own syntax.
+    assert found.stop.remedies
+    assert all(str(remedy) in found.summary for remedy in found.stop.remedies)
 
 
 def test_a_joint_alone_that_is_not_explained_is_named(model: Identification) -> None:

@@ -61,8 +61,25 @@ def test_an_experiment_is_designed_taken_along_and_made_by_a_virtual_robot(
     assert origins[1] == pytest.approx([0.5 * math.cos(shoulder), 0.0, -0.5 * math.sin(shoulder)], abs=0.02)
     expect(page.locator("#motion-curves canvas")).to_have_count(2)
 
+    # What notes advise is worded by what this page has.
+    page.locator("summary", has_text="Notes").click()
+    notes = page.locator("main").inner_text()
+    assert "“Torque predicted by”" in notes
+    assert "identification_id" not in notes
+    assert "assume_floor" not in notes
+
     page.click("#simulate-design")
     page.locator("#error-table").wait_for()
+    page.goto(f"/?view=design&robot={robot}")
+    page.locator("#design-identification").select_option(index=1)
+    page.fill("#design-time_budget", "1")
+    page.fill("#design-random_trajectories", "5")
+    page.fill("#design-duration", "4")
+    page.click("#run-design")
+    page.locator("#design-quality").wait_for()
+    (better, _) = ask(page, f"/designs?robot_id={robot}")["items"]
+    (known,) = ask(page, f"/identifications?robot_id={robot}")["items"]
+    assert better["request"]["identification_id"] == known["id"]
     assert heard.complaints == []
 
 

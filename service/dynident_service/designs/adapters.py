@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import scipy
 
 from dynident.effects.effect_columns import check_shape_constants, find_joints
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note
 from dynident.excitation import (
     CriterionChoice,
     CriterionValues,
@@ -36,6 +36,7 @@ from dynident.robot import Robot
 from dynident.robot.collision_shapes import Block
 from dynident.simulation import Reference, SimulatedRecording
 from dynident_service.designs import wire_types as wire
+from dynident_service.problems import show_remedies
 from dynident_service.shared.field_by_field import from_view, show_tables, to_body, to_request, to_view
 from dynident_service.shared.wire_types import Table
 
@@ -123,7 +124,14 @@ def describe_design(design: Design) -> wire.DesignResult:
         if best is None
         else to_view(wire.BaselineValues, best, **to_view(wire.CriterionValues, best.best).model_dump())
     )
-    return to_view(wire.DesignResult, design, baseline_values=values)
+    notes = [note for note in design.notes if isinstance(note, Note)]
+    return to_view(
+        wire.DesignResult,
+        design,
+        baseline_values=values,
+        warning_codes=[note.code for note in notes if note.code],
+        remedies=show_remedies([remedy for note in notes for remedy in note.remedies]),
+    )
 
 
 def write_trajectory(design: Design, path: Path) -> Path:

@@ -13,6 +13,7 @@ from dynident.excitation.design_request import TrajectoryRequest
 from dynident.recordings.recording_metadata import Role
 from dynident.simulation.virtual_robot_request import ActingEffect, Simulated, list_usual_effects
 from dynident.simulation.virtual_robot_request import Sensors as Sensing
+from dynident_service.problems import RemedyView
 from dynident_service.robots.wire_types import Limits, Point
 from dynident_service.shared.request_bodies import derive_body
 from dynident_service.shared.wire_types import (
@@ -134,6 +135,8 @@ class DesignResult(ViewModel):
     )
     notes: list[str]
     warnings: list[str] = Field(default=[], description="Notes that everybody must read before running the motion")
+    warning_codes: list[str] = Field(default=[], description="What each of the warnings is about, in the same order")
+    remedies: list[RemedyView] = Field(default=[], description="Those that notes and warnings quote")
     floor: float | None = Field(
         default=None,
         description="Height in m of the floor that was checked, in the base frame; if the request states none, the "

@@ -23,7 +23,6 @@ from dynident.identification.identified_models.correlated_and_essential_paramete
 )
 from dynident.identification.identified_models.held_out_gain import find_best_of_errors, list_confirming_rows
 from dynident.identification.shape_constant_intervals import ShapeConstant
-from dynident.identification.shape_search import check_choices
 from dynident.presentation.labels import CONDITION_MEANING
 from dynident.presentation.ladder_tables import (
     Step,
@@ -42,9 +41,8 @@ from dynident.presentation.model_tables import (
 )
 from dynident.presentation.tables import ReportedTable
 from dynident.presentation.validation_and_verdict_tables import build_verdict_tables
-from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
+from dynident.recordings import Recording, preprocessing_from_request
 from dynident.recordings.metadata_revisions import adapt_revision
-from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Stop
 from dynident.verdict.model_verdict import TESTS
 from dynident_service.identifications import wire_types as wire
@@ -57,6 +55,7 @@ from dynident_service.identifications.wire_types import (
 )
 from dynident_service.measurements.adapters import show_revision, to_recording_metadata
 from dynident_service.measurements.wire_types import MeasurementMetadata
+from dynident_service.problems import show_remedies
 from dynident_service.shared.field_by_field import (
     from_view,
     from_wire_choices,
@@ -71,17 +70,19 @@ if TYPE_CHECKING:
     from fastapi import Response
 
 
-def to_choices(
-    request: wire.IdentificationRequest, robot: Robot, recordings: Sequence[Recording] = ()
-) -> IdentificationChoices:
-    """Build the choices of an identification from a body; `DynidentError` where they do not fit the robot.
+def to_choices(request: wire.IdentificationRequest, recordings: Sequence[Recording] = ()) -> IdentificationChoices:
+    """Build the choices of an identification from a body.
 
     Filters are chosen from the recordings; without recordings they are left to the identification.
     """
-    filters = _choose_preprocessing(request, recordings) if recordings else None
-    choices = to_request(request, IdentificationChoices, preprocessing=filters)
-    check_choices(choices.effects, robot)
-    return choices
+    stated = request.preprocessing
+    values = {} if isinstance(stated, str) else stated.model_dump()
+    filters = None
+    # The identification chooses the filters of its own data where all are open, and then also says why.
+    if recordings and any(value != "auto" for value in values.values()):
+        # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
+        filters = preprocessing_from_request(values, split_friction_tests(recordings)[0])
+    return to_request(request, IdentificationChoices, preprocessing=filters)
 
 
 def describe_identification(
@@ -159,18 +160,6 @@ def _show_step(identification: Identification) -> wire.StepView:
     )
 
 
-def _choose_preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing | None:
-    """Return the filters that a body states; None where all of them are chosen by the identification."""
-    stated_filters = request.preprocessing
-    filter_values = {} if isinstance(stated_filters, str) else stated_filters.model_dump()
-    # The identification chooses the filters of its own data, and then also says why.
-    if all(value == "auto" for value in filter_values.values()):
-        return None
-    # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
-    motions, _ = split_friction_tests(recordings)
-    return preprocessing_from_request(filter_values, motions)
-
-
 @dataclass(frozen=True, eq=False)
 class OpenedMeasurement:
     """A stored recording that a model was identified from or held against."""
@@ -221,6 +210,7 @@ def _show_stop(stop: Stop, measurement: OpenedMeasurement | None) -> wire.StopVi
         cause=stop.cause,
         measurement_id=stop.recording if measurement is None else measurement.id,
         apply=None if cure is None else show_revision(cure),
+        remedies=show_remedies(stop.remedies),
     )
 
 

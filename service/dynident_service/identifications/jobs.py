@@ -44,6 +44,7 @@ from dynident_service.identifications.wire_types import (
     StoredIdentification,
 )
 from dynident_service.jobs.task_input_output import Outcome, Task
+from dynident_service.measurements.adapters import to_recording_metadata
 from dynident_service.measurements.wire_types import MeasurementMetadata, SeenMeasurement
 from dynident_service.shared.field_by_field import from_wire_choices, to_view
 from dynident_service.shared.stored_inputs import load_stored_model, load_stored_robot, open_stored_recordings
@@ -58,7 +59,7 @@ def identify_model(task: Task) -> Outcome:
     training = open_stored_recordings(task, request.measurement_ids)
     validation = open_stored_recordings(task, request.validation_ids)
     # Filters that the user left open are chosen from these recordings.
-    choices = to_choices(request, robot, training)
+    choices = to_choices(request, training)
     return _build_outcome(task, identify(robot, training, validation, choices, task.progress))
 
 
@@ -163,7 +164,7 @@ def judge_model(
         [_open_measurement(measurement, names) for measurement in held_out],
     )
     pairs = zip([*opened[0], *opened[1]], [*fitted, *held_out], strict=True)
-    checks = {measurement.recording.name: _build_checks(sent) for measurement, sent in pairs}
+    checks = {measurement.recording.name: build_checks(sent) for measurement, sent in pairs}
     recordings, validation = ([measurement.recording for measurement in group] for group in opened)
     ended = [
         EndedValidation(outcome["kind"], ValidationOutcome(outcome["verdict"], outcome["reason"]))
@@ -173,8 +174,13 @@ def judge_model(
     return to_plain_json(show_verdict(result, [*opened[0], *opened[1]]))
 
 
-def _build_checks(measurement: SentMeasurement) -> list[Check]:
-    return [Check(check["name"], check["status"], check["detail"]) for check in measurement["checks"]]
+def build_checks(measurement: SentMeasurement) -> list[Check]:
+    """Build the checks of a measurement; whether one is accepted is stated by its request."""
+    accepted = to_recording_metadata(MeasurementMetadata.model_validate(measurement["request"])).accept
+    return [
+        Check(check["name"], check["status"], check["detail"], is_accepted=check["name"] in accepted)
+        for check in measurement["checks"]
+    ]
 
 
 def _open_measurement(measurement: SentMeasurement, names: set[str]) -> OpenedMeasurement:

@@ -313,10 +313,11 @@ def new_identification(
 ) -> NewResource:
     """Return what is to be computed."""
     with hold_import_lock():
+        from dynident.identification.shape_search import check_choices
         from dynident_service.identifications.adapters import to_choices
 
     robot = require_robot(services, body.robot_id)
-    to_choices(body, robot_of(robot))
+    check_choices(to_choices(body).effects, robot_of(robot))
     needs = (
         Dependency(body.robot_id, "robot", "robot", "/robot_id"),
         *require_measurements(services, robot, body.measurement_ids, "training", "/measurement_ids"),

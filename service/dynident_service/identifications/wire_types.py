@@ -12,6 +12,7 @@ from dynident.identification.identification_choices import EssentialChoices, Ide
 from dynident.recordings.recording_metadata import Filters
 from dynident_service.campaigns.wire_types import CampaignOutcome
 from dynident_service.measurements.wire_types import RevisionRequest, SeenMeasurement
+from dynident_service.problems import RemedyView
 from dynident_service.shared.request_bodies import derive_body, derive_query
 from dynident_service.shared.wire_types import (
     Computed,
@@ -432,6 +433,7 @@ class StopView(ViewModel):
     apply: RevisionRequest | None = Field(
         default=None, description="Correction: a body for POST /v1/measurements/{measurement_id}/revisions"
     )
+    remedies: list[RemedyView] = Field(default=[], description="Those that the cause quotes")
 
 
 class CommonView(ViewModel):

@@ -50,7 +50,7 @@ from dynident_service.storage.job_queue import CheckpointStore, JobCheckpoints, 
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.object_store import ObjectStore
 from dynident_service.storage.resource_repository import Resources
-from dynident_service.storage.resource_rows import insert_dependencies, insert_objects, insert_resource
+from dynident_service.storage.resource_rows import insert_dependencies, insert_objects, insert_resources
 from dynident_service.tracing import set_log_context
 
 PROGRESS_INTERVAL = 0.1
@@ -167,10 +167,10 @@ def _store_outcome(session: Session, objects: ObjectStore, claim: Claim, outcome
     result: dict[str, Any] = dict(outcome.result)
     row = None if claim.resource_id is None else session.get_one(ResourceRow, claim.resource_id)
     if outcome.creates is not None:
-        created_id = insert_resource(session, objects, outcome.creates, None if row is None else row.owner).id
-        result[f"{outcome.creates.kind}_id"] = created_id
+        (created,) = insert_resources(session, objects, [outcome.creates], None if row is None else row.owner)
+        result[f"{created.kind}_id"] = created.id
         if claim.resource_id is not None:
-            insert_dependencies(session, [(claim.resource_id, created_id, "result")])
+            insert_dependencies(session, [(claim.resource_id, created.id, "result")])
     if claim.resource_id is not None and row is not None:
         row.result = result
         if outcome.request:

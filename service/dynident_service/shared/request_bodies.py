@@ -109,6 +109,8 @@ def _build_field(about: FieldDescription, default: Any, sized: bool) -> Any:
     extra: dict[str, Any] = {}
     if about.unit:
         extra["x-unit"] = about.unit
+    if about.label:
+        extra["x-label"] = about.label
     if about.kinds is not None:
         extra |= describe_choices(about.kinds)
     schema: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}

@@ -47,7 +47,6 @@ from dynident_service.storage.resource_rows import (
     WITH_JOBS,
     complete_resources,
     insert_objects,
-    insert_resource,
     insert_resources,
     read_resource,
     read_resources,
@@ -84,7 +83,7 @@ class Resources:
         def insert(session: Session, owner: str | None) -> Resource:
             if new.siblings is not None:
                 _refuse_beside_others(session, new.kind, new.siblings)
-            return insert_resource(session, self._objects, new, owner)
+            return insert_resources(session, self._objects, [new], owner)[0]
 
         return self._create(new.retry, [new], insert)
 
@@ -96,7 +95,7 @@ class Resources:
 
         def insert(session: Session, owner: str | None) -> Resource:
             ids = [resource.id for resource in insert_resources(session, self._objects, several, owner)]
-            return insert_resource(session, self._objects, last(ids), owner)
+            return insert_resources(session, self._objects, [last(ids)], owner)[0]
 
         # The retry key does not depend on the ids, which are not known yet.
         return self._create(last([]).retry, several, insert)

@@ -103,12 +103,6 @@ _KINDS = (
 _INSERTING = {table: insert(table) for table in (RESOURCES, DEPENDENCIES, OBJECTS, RETRIES)}
 
 
-def insert_resource(session: Session, objects: ObjectStore, new: NewResource, owner: str | None) -> Resource:
-    """Insert one resource within a transaction; the caller commits."""
-    (resource,) = insert_resources(session, objects, [new], owner)
-    return resource
-
-
 def insert_resources(
     session: Session, objects: ObjectStore, several: Sequence[NewResource], owner: str | None
 ) -> list[Resource]:
@@ -123,7 +117,8 @@ def insert_resources(
     resources = [_build_resource(new, moment) for new in several]
     pairs = list(zip(resources, several, strict=True))
     # Resources first: the rows of all other tables refer to them.
-    _insert_rows(connection, RESOURCES, [{**_to_row(resource), "owner": owner} for resource in resources])
+    values = [{name: getattr(resource, name) for name in RESOURCE_COLUMNS} for resource in resources]
+    _insert_rows(connection, RESOURCES, [{**own, "tags": list(own["tags"]), "owner": owner} for own in values])
     insert_dependencies(
         session, [(resource.id, on_id, role) for resource in resources for role, on_id in resource.rests_on]
     )
@@ -164,15 +159,6 @@ def _build_resource(new: NewResource, moment: datetime) -> Resource:
         objects={owned.role: owned for owned in new.objects},
         job=None,
     )
-
-
-def _to_row(resource: Resource) -> RowValues:
-    names = ("id", "kind", "name", "created_at", "request", "result")
-    return {
-        **{name: getattr(resource, name) for name in names},
-        "tags": list(resource.tags),
-        "archived": resource.archived,
-    }
 
 
 def _to_retry_row(resource: Resource, retry: Retry) -> RowValues:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.errors import DynidentError, check_names, describe_value, suggest_names
@@ -267,7 +268,14 @@ def _is_public(name: str) -> bool:
 
 
 class KnownNames:
-    """Base of results: the error about an attribute that does not exist names the one that was meant."""
+    """Base of results: errors about attributes and arguments that do not exist name those that were meant."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the public methods of a result check their arguments."""
+        super().__init_subclass__(**options)
+        for name, member in list(vars(cls).items()):
+            if isinstance(member, FunctionType) and _is_public(name):
+                setattr(cls, name, check_arguments(member))
 
     if not TYPE_CHECKING:
         # Hidden from type checkers: with a __getattr__ they would accept every name.

@@ -211,7 +211,6 @@ class Campaign(Framed):
         robot = self._state.robot
         return find_faults_under_way(self._state, self._planned, lambda: read_recordings(rows, robot=robot)[0])
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw the errors over robot time: promised, reached, and the goal.
 

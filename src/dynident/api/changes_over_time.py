@@ -93,7 +93,6 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         names = ("parameter", "effect", "joint", "unit", "day", "value", "lower", "upper")
         return build_columns(names, rows)
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw every parameter that may vary, day by day, with its intervals.
 
@@ -302,7 +301,6 @@ class Changes(Sequence[Change], Framed):
         ]
         return build_columns(_CHANGE_FRAME_COLUMNS, rows)
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw every change, and how much the friction of each joint differs, with their 95 % intervals.
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
-from dynident.api.argument_checks import check_arguments, require
+from dynident.api.argument_checks import require
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model_results import ModelResults
-from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.named_tables import Framed, Items, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
@@ -110,7 +109,6 @@ class Model(ModelResults):
             )
         )
 
-    @check_arguments
     def compare_f_test(self, restricted: Model | Identification) -> FTest:
         """Test whether what this model has beyond a smaller one is more than noise.
 
@@ -154,7 +152,6 @@ class Model(ModelResults):
         test = compare_nested(self.identification, smaller)
         return FTest(test.statistic, test.p_value, test.count, test.freedom)
 
-    @check_arguments
     def residuals(self, recordings: SomeRecordings | None = None, *, progress: Progress = ignore_progress) -> Table:
         """Return measured minus predicted torque.
 
@@ -203,7 +200,6 @@ class Model(ModelResults):
             title=f"Residuals of {', '.join(checked_recordings.names)}: measured minus predicted torque",
         )
 
-    @check_arguments
     def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
         """Judge what the model is fit for (simulation, feed-forward, collision detection, payload).
 
@@ -230,7 +226,6 @@ class Model(ModelResults):
         checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
 
-    @check_arguments
     def extend(self, *what: Addition, progress: Progress = ignore_progress) -> Model:
         """Add effects, each as one step of the ladder, on the data that the model was identified from.
 
@@ -258,7 +253,6 @@ class Model(ModelResults):
         extended = extend(self.identification, added, self.recordings.recordings, self.validation.recordings, progress)
         return replace(self, identification=extended)
 
-    @check_arguments
     def remove(self, *what: EffectChoice | str) -> Model:
         """Remove effects, from the joints that are named or from all. Needs no recordings.
 
@@ -279,7 +273,6 @@ class Model(ModelResults):
         """
         return replace(self, identification=remove(self.identification, resolve_effects(what)))
 
-    @check_arguments
     def with_data(self, recordings: SomeRecordings, validation: SomeRecordings = ()) -> Model:
         """Return the model with the recordings that it was identified from, and held-out ones.
 
@@ -330,7 +323,6 @@ class Model(ModelResults):
                 title="Recordings needed",
             )
 
-    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write the model, with the models that led to it, to an .npz file, which `load_model` and the commands read.
 
@@ -349,7 +341,6 @@ class Model(ModelResults):
         """
         write_atomically(check_ending(path, (".npz",)), to_bytes(self.identification))
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw the errors of every model of the ladder, in total and joint by joint.
 
@@ -379,7 +370,7 @@ class Model(ModelResults):
 
 
 @dataclass(frozen=True, eq=False)
-class Ladder(Sequence[Model], Framed):
+class Ladder(Items[Model], Framed):
     """Models in the order in which each was made from the one before.
 
     Its table has the errors where joints move, by which the best model is chosen. `to_frame` has a row for each model:
@@ -422,7 +413,6 @@ class Ladder(Sequence[Model], Framed):
             )
         return build_columns(_FRAME_COLUMNS, rows)
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw the errors of every model, in total and joint by joint.
 
@@ -437,19 +427,6 @@ class Ladder(Sequence[Model], Framed):
         return join_figures(
             [draw_models([model.identification for model in self.items])], f"errors of {count}, joint by joint"
         )
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def __iter__(self) -> Iterator[Model]:
-        return iter(self.items)
-
-    @overload
-    def __getitem__(self, index: int) -> Model: ...
-    @overload
-    def __getitem__(self, index: slice) -> Ladder: ...
-    def __getitem__(self, index: int | slice) -> Model | Ladder:
-        return Ladder(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
         return self._table().to_text(f"Ladder({len(self.items)})")

@@ -125,7 +125,6 @@ class DiagnosedModel(Framed):
         """Whether something is missing, nothing above the limits is, or these data cannot tell; and what to do next."""
         return self.diagnosis.conclusion
 
-    @check_arguments
     def plot_detection_limits(self) -> Figure:
         """Draw the detection limits as a map of effects and joints, in shares of the usual size.
 
@@ -186,7 +185,6 @@ class DiagnosedModel(Framed):
     def _columns(self) -> Table:
         return build_columns(_FRAME_COLUMNS, [self._build_frame_row(candidate) for candidate in self.candidates])
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw the ranking, and what each significant candidate explains of the residual.
 

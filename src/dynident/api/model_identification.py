@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynident.api.argument_checks import check_arguments, check_is_file, require
-from dynident.api.effect_arguments import check_effects, resolve_effects
+from dynident.api.effect_arguments import resolve_effects
 from dynident.api.model import NO_RECORDINGS, Model
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.effects import EffectChoice, UnknownEffectError
@@ -90,7 +90,7 @@ def identify(
     # Arguments of their own override the options, so that a stored set of options can be varied in one call.
     all_choices = choices or IdentificationChoices()
     if effects is not None:
-        all_choices = replace(all_choices, effects=check_effects(resolve_effects(effects), robot))
+        all_choices = replace(all_choices, effects=resolve_effects(effects))
     if estimator is not None:
         all_choices = replace(all_choices, estimator=estimator)
     fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)

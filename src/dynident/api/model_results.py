@@ -11,7 +11,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident.api.argument_checks import KnownNames, check_arguments
+from dynident.api.argument_checks import KnownNames
 from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
 from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
@@ -142,7 +142,6 @@ class ModelResults(KnownNames):
         ratios, title = self.identification.values / self._deviations, "Parameters over their standard deviations"
         return Table({"t": ratios}, labels=self._names, label_name="parameter", title=title)
 
-    @check_arguments
     def conf_int(self, level: float = 0.95) -> Table:
         """Return the intervals that hold the true values of the parameters, by Student's t.
 
@@ -200,7 +199,6 @@ class ModelResults(KnownNames):
         t: ArrayLike | None = None,
         dt: float | None = None,
     ) -> PredictedTorque: ...
-    @check_arguments
     def predict(
         self,
         q: ArrayLike,
@@ -276,7 +274,6 @@ class ModelResults(KnownNames):
         """
         return PredictingModel.from_identification(self.identification).predictor()
 
-    @check_arguments
     def gravity(self, q: ArrayLike) -> FloatArray:
         """Return the torque that holds the links at rest.
 
@@ -296,7 +293,6 @@ class ModelResults(KnownNames):
         """
         return self._compute(compute_gravity, read_motion(self.robot, q=q))
 
-    @check_arguments
     def mass_matrix(self, q: ArrayLike) -> FloatArray:
         """Return the mass matrix of links and rotors, symmetric.
 
@@ -316,7 +312,6 @@ class ModelResults(KnownNames):
         """
         return self._compute(compute_mass_matrix, read_motion(self.robot, q=q))
 
-    @check_arguments
     def coriolis(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
         """Return the Coriolis matrix C, by Christoffel symbols; C q̇ is the Coriolis and centrifugal torque.
 
@@ -336,7 +331,6 @@ class ModelResults(KnownNames):
         """
         return self._compute(compute_coriolis_matrix, read_motion(self.robot, q=q, dq=dq))
 
-    @check_arguments
     def friction(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike | None = None) -> FloatArray:
         """Return the torque of friction.
 
@@ -364,7 +358,6 @@ class ModelResults(KnownNames):
         accelerations = np.zeros_like(np.asarray(dq, dtype=np.float64)) if ddq is None else ddq
         return self._compute(compute_friction, read_motion(self.robot, q=q, dq=dq, ddq=accelerations))
 
-    @check_arguments
     def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> FloatArray:
         """Return the acceleration under motor torques: the right side of a simulation.
 
@@ -412,7 +405,6 @@ class ModelResults(KnownNames):
             )
         return np.asarray(acceleration.reshape(motion.shape))
 
-    @check_arguments
     def export(self, path: str | Path, *, nearest: bool = False, anyway: bool = False) -> ExportedFile:
         """Write the model for another program, in the format that the ending of the path names.
 

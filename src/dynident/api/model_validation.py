@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
 
 from dynident.api.argument_checks import check_arguments
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
+from dynident.api.named_tables import Items
 from dynident.api.recording_collection import SomeRecordings, as_recordings
 from dynident.identification import Identification
 from dynident.presentation.tables import ReportedTable
@@ -50,7 +49,7 @@ class Validation(Outcome):
 
 
 @dataclass(frozen=True, eq=False)
-class Validations(Sequence[Validation]):
+class Validations(Items[Validation]):
     """Several tests of one model.
 
     Parameters
@@ -65,19 +64,6 @@ class Validations(Sequence[Validation]):
     def verdict(self) -> Verdict:
         """The result of all tests: fail if one of them fails."""
         return combine_verdicts([(validation.title, validation.judged) for validation in self.items]).verdict
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def __iter__(self) -> Iterator[Validation]:
-        return iter(self.items)
-
-    @overload
-    def __getitem__(self, index: int) -> Validation: ...
-    @overload
-    def __getitem__(self, index: slice) -> Validations: ...
-    def __getitem__(self, index: int | slice) -> Validation | Validations:
-        return Validations(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
         return self._table().to_text(f"Validations({self.verdict})")

@@ -75,6 +75,8 @@ def read_motion(robot: Robot, **signals: ArrayLike) -> Motion:
                 pointer=name,
                 title=_TITLE,
             )
+        if not array.size:
+            raise DynidentError(f"{name} is empty; give one state or more", pointer=name, title=_TITLE)
         shape = shape or array.shape
         if array.shape != shape:
             first = next(iter(signals))

@@ -14,8 +14,9 @@ from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.named_tables import Framed, Table
 from dynident.api.recording_collection import SomeRecordings, as_recordings
+from dynident.api.recording_files import write_argument
 from dynident.effects import EffectChoice
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, word_notes
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table
 from dynident.excitation.design_request import Kind
@@ -80,7 +81,6 @@ class DesignedMotion(Framed):
         units = list_signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
         return Table(columns, units)
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw the joints within their limits, their velocity over position, and the path of the tool.
 
@@ -98,11 +98,12 @@ class DesignedMotion(Framed):
         return f"DesignedMotion({self.robot.name}): {self.summary}"
 
     def _repr_html_(self) -> str:
+        notes = word_notes(self.design.notes, write_argument)
         return join_html(
             render_paragraph(f"Motion of {self.robot.name}", strong=True),
             render_paragraph(self.summary),
             build_limits_table(self.robot, self.design.margins, _SHOWN_MARGINS).to_html(),
-            render_details("notes", render_list(self.design.notes)) if self.design.notes else "",
+            render_details("notes", render_list(notes)) if notes else "",
         )
 
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import pandas
     import polars
 
+Item = TypeVar("Item")
 FrameLibrary = Literal["pandas", "polars"]
 _LIBRARIES: tuple[FrameLibrary, ...] = ("pandas", "polars")
 _SHOWN_ROWS, _WIDTH = 30, 98
@@ -56,6 +57,38 @@ def describe_missing(kind: str, name: str, known: Collection[str], groupings: Ma
         )
     nearest = suggest_names(name, known) or "."
     return f"there is no {kind} {name!r}{nearest} There are: {', '.join(known)}"
+
+
+class Items(Sequence[Item]):
+    """Base class of results that hold several: by number, by name where they have one, and by slice."""
+
+    items: tuple[Item, ...]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Item]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int | str) -> Item: ...
+    @overload
+    def __getitem__(self, index: slice) -> Self: ...
+    def __getitem__(self, index: int | str | slice) -> Item | Self:
+        if isinstance(index, slice):
+            return cast(Self, replace(cast(Any, self), items=self.items[index]))
+        if isinstance(index, str):
+            names = self._list_names()
+            if index not in names:
+                raise KeyError(self._describe_missing(index))
+            return self.items[names.index(index)]
+        return self.items[index]
+
+    def _list_names(self) -> list[str]:
+        return [getattr(item, "name", str(number)) for number, item in enumerate(self.items)]
+
+    def _describe_missing(self, name: str) -> str:
+        return f"there is no {name!r}; there are: {', '.join(self._list_names())}"
 
 
 class Framed(KnownNames, ABC):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from textwrap import wrap
-from typing import overload
 
-from dynident.api.named_tables import Framed, Table, describe_missing
+from dynident.api.named_tables import Framed, Items, Table, describe_missing
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.number_format import format_count, format_percent
@@ -31,7 +30,7 @@ _LONGEST_JOINT, _WIDTH = 16, 100
 
 
 @dataclass(frozen=True, eq=False)
-class Parameters(Sequence[IdentifiedParameter], Framed):
+class Parameters(Items[IdentifiedParameter], Framed):
     """Base parameters in the order of the model; by number, by slice, or by name: `model.parameters["Fc2"]`.
 
     `to_frame` has a row for each: name, joint, effect, value, unit, standard_deviation, relative_standard_deviation (a
@@ -64,26 +63,9 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
             }
         )
 
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def __iter__(self) -> Iterator[IdentifiedParameter]:
-        return iter(self.items)
-
-    @overload
-    def __getitem__(self, index: int | str) -> IdentifiedParameter: ...
-    @overload
-    def __getitem__(self, index: slice) -> Parameters: ...
-    def __getitem__(self, index: int | str | slice) -> IdentifiedParameter | Parameters:
-        if isinstance(index, slice):
-            return Parameters(self.items[index])
-        if isinstance(index, str):
-            parameter = next((item for item in self.items if item.name == index), None)
-            if parameter is None:
-                groupings = {item.name: item.grouping for item in self.items}
-                raise KeyError(describe_missing("parameter", index, groupings, groupings))
-            return parameter
-        return self.items[index]
+    def _describe_missing(self, name: str) -> str:
+        groupings = {item.name: item.grouping for item in self.items}
+        return describe_missing("parameter", name, groupings, groupings)
 
     def __contains__(self, item: object) -> bool:
         return any(item == (parameter.name if isinstance(item, str) else parameter) for parameter in self.items)
@@ -137,7 +119,7 @@ class JointError:
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorTable(Sequence[JointError], Framed):
+class ErrorTable(Items[JointError], Framed):
     """The errors of a model, one entry for each joint in the robot's order.
 
     `to_frame` has a row for each joint, with the fields of `JointError`.
@@ -179,22 +161,12 @@ class ErrorTable(Sequence[JointError], Framed):
             )
         )
 
+    def _list_names(self) -> list[str]:
+        return [item.joint for item in self.items]
+
     def _columns(self) -> Table:
         names = tuple(JointError.__dataclass_fields__)
         return Table({name: [getattr(joint_error, name) for joint_error in self.items] for name in names})
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def __iter__(self) -> Iterator[JointError]:
-        return iter(self.items)
-
-    @overload
-    def __getitem__(self, index: int) -> JointError: ...
-    @overload
-    def __getitem__(self, index: slice) -> ErrorTable: ...
-    def __getitem__(self, index: int | slice) -> JointError | ErrorTable:
-        return ErrorTable(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
         return self._table().to_text(f"ErrorTable({len(self.items)} joints)", most=_SHOWN)

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.argument_checks import check_arguments
 from dynident.api.figure import Figure, join_figures
-from dynident.api.named_tables import Framed, Table
+from dynident.api.named_tables import Framed, Items, Table
 from dynident.errors import DynidentError, describe_value
 from dynident.number_format import format_count
 from dynident.presentation.recording_tables import (
@@ -115,7 +113,6 @@ class CheckedRecording(Framed):
         samples = self._read_samples()
         return Table(samples.columns, samples.units)
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time.
 
@@ -145,7 +142,7 @@ class CheckedRecording(Framed):
 
 
 @dataclass(frozen=True, eq=False)
-class Recordings(Sequence[CheckedRecording], Framed):
+class Recordings(Items[CheckedRecording], Framed):
     """Recordings in the order of their files: `runs[0]`, `runs[:1]`, or by name, `runs["run2"]`.
 
     `to_frame` has one below the other: recording (its name), then the columns of `CheckedRecording`; NaN where a
@@ -230,7 +227,6 @@ class Recordings(Sequence[CheckedRecording], Framed):
             columns, {name: unit for recording_samples in samples for name, unit in recording_samples.units.items()}
         )
 
-    @check_arguments
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time, one recording below the other.
 
@@ -248,26 +244,6 @@ class Recordings(Sequence[CheckedRecording], Framed):
             raise DynidentError("nothing to draw: there are no recordings")
         parts = [item.plot() for item in self.items]
         return join_figures(parts, f"recordings {', '.join(self.names)}", self.names)
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def __iter__(self) -> Iterator[CheckedRecording]:
-        return iter(self.items)
-
-    @overload
-    def __getitem__(self, index: int | str) -> CheckedRecording: ...
-    @overload
-    def __getitem__(self, index: slice) -> Recordings: ...
-    def __getitem__(self, index: int | str | slice) -> CheckedRecording | Recordings:
-        if isinstance(index, slice):
-            return Recordings(self.items[index])
-        if isinstance(index, str):
-            recording = next((item for item in self.items if item.name == index), None)
-            if recording is None:
-                raise KeyError(f"there is no recording {index!r}; the recordings are: {', '.join(self.names)}")
-            return recording
-        return self.items[index]
 
     def __contains__(self, item: object) -> bool:
         return item in self.names if isinstance(item, str) else item in self.items

@@ -85,18 +85,19 @@ class InspectedFile:
     def __repr__(self) -> str:
         lines = [self._format_head()]
         lines += [
-            f"  {guess.field}: {guess.value} ({format_percent(guess.confidence, decimals=0)}: {guess.reason})"
+            f"  {guess.field}: {guess.value} ({format_percent(guess.confidence, decimals=0)}: "
+            f"{word_remedies(guess.reason, guess.remedies, write_argument)})"
             for guess in self.guesses[:_SHOWN]
         ]
         left_out = len(self.guesses) - _SHOWN
         lines += [f"  … and {left_out} more (.guesses)"] if left_out > 0 else []
-        lines += [f"  ? {question.field}: {question.detail}" for question in self.questions]
+        lines += [f"  ? {_format_question(question)}" for question in self.questions]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return join_html(
             render_paragraph(self._format_head(), strong=True),
-            build_guess_table(self.guesses).to_html() if self.guesses else "",
+            build_guess_table(self.guesses, write_argument).to_html() if self.guesses else "",
             render_paragraph("Questions to answer:") if self.questions else "",
             render_list(_format_question(question) for question in self.questions),
         )
@@ -161,7 +162,17 @@ def inspect(
 
 
 def _format_question(question: Question) -> str:
-    return f"{question.field}: {question.detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
+    detail = word_remedies(question.detail, question.remedies, write_argument)
+    return f"{question.field}: {detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
+
+
+_OTHER_ARGUMENTS = {
+    "drives": "drive_gains",
+    "meshes": "surroundings=dy.Surroundings(mesh_folders=[…])",
+    "assume_floor": "surroundings=dy.Surroundings(assume_floor=False)",
+    "identification_id": "design(model, …)",
+}
+"""Arguments that are called otherwise than the field of a remedy."""
 
 
 def write_argument(remedy: Remedy) -> str:
@@ -173,8 +184,8 @@ def write_argument(remedy: Remedy) -> str:
         return f"{remedy.field}={text}"
     if remedy.field in ("locked_joints", "gravity"):
         return f"load_robot(…, {remedy.field}={text})"
-    if remedy.field == "drives":
-        return "drive_gains"
+    if remedy.field in _OTHER_ARGUMENTS:
+        return _OTHER_ARGUMENTS[remedy.field]
     return f"metadata=dy.RecordingMetadata({remedy.field}={text})"
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from dynident.api.argument_checks import check_arguments, require
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
-from dynident.api.named_tables import Framed, Table
+from dynident.api.named_tables import Framed, Items, Table
 from dynident.api.recording_collection import CheckedRecording, SomeRecordings, as_recordings
 from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
@@ -91,7 +90,6 @@ class ComparedRecording(Framed):
             columns[f"phase_{joint}"] = _PHASES[comparison.phase[:, index]]
         write_table(table_from_arrays(columns), check_ending(path, TABLE_ENDINGS))
 
-    @check_arguments
     def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and the residual, over time.
 
@@ -170,7 +168,7 @@ class ComparedRecording(Framed):
 
 
 @dataclass(frozen=True, eq=False)
-class Comparisons(Sequence[ComparedRecording], Framed):
+class Comparisons(Items[ComparedRecording], Framed):
     """Recordings compared with the prediction of one model; by number, or by the recording's name.
 
     `to_frame` has one below the other: recording (its name), then the columns of `ComparedRecording`.
@@ -196,7 +194,6 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         }
         return Table(columns)
 
-    @check_arguments
     def plot(self, joints: str | Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.
 
@@ -219,26 +216,6 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         names = [item.name for item in self.items]
         parts = [item.plot(joints) for item in self.items]
         return join_figures(parts, f"measured and predicted torque of {', '.join(names)}", names)
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def __iter__(self) -> Iterator[ComparedRecording]:
-        return iter(self.items)
-
-    @overload
-    def __getitem__(self, index: int | str) -> ComparedRecording: ...
-    @overload
-    def __getitem__(self, index: slice) -> Comparisons: ...
-    def __getitem__(self, index: int | str | slice) -> ComparedRecording | Comparisons:
-        if isinstance(index, slice):
-            return Comparisons(self.model, self.items[index])
-        if isinstance(index, str):
-            item_of_name = next((item for item in self.items if item.name == index), None)
-            if item_of_name is None:
-                raise KeyError(f"there is no {index!r}; there are: {', '.join(item.name for item in self.items)}")
-            return item_of_name
-        return self.items[index]
 
     def __repr__(self) -> str:
         lines = [f"  {item._format_head()}" for item in self.items[:_SHOWN]]

@@ -163,7 +163,7 @@ def _build_ranked_effect(
         reason=reason,
         question=question,
     )
-    return replace(ranked, evidence=_word_evidence(ranked.title, scored, before, after, f"{why} {question}".rstrip()))
+    return replace(ranked, evidence=_word_evidence(ranked.title, scored, before, after, why))
 
 
 def _word_evidence(title: str, scored: ScoredCandidate, before: float, after: float, why: str) -> str:

@@ -191,12 +191,12 @@ class ShapeSpec:
         # The nearest meaning: a value that was computed, or read from text, need not be exact.
         return min(self.words, key=lambda meaning: abs(meaning[0] - value))[1] if self.words else None
 
-    def format_value(self, value: float, digits: str = ".3g") -> str:
+    def format_value(self, value: float) -> str:
         """Return the constant as text for people: "d0 = 0.002 rad", "law: dahl"."""
         word = self.get_word(value)
         if word is not None:
             return f"{self.name}: {word}"
-        return f"{self.name} = {value:{digits}}{'' if self.unit == '-' else ' ' + self.unit}"
+        return f"{self.name} = {value:.3g}{'' if self.unit == '-' else ' ' + self.unit}"
 
     def list_allowed_values(self, value: float) -> tuple[float, ...]:
         """Return the value, or the whole numbers on both sides of it where only whole numbers make sense."""

@@ -46,7 +46,6 @@ FAMILY_KINDS = OneOf(
     Choice("b_spline", "B-spline", "Free coefficients between even knots: periodic."),
     Choice("point_to_point", "from point to point", "Moves as a controller makes them, from rest to rest."),
 )
-FAMILIES = FAMILY_KINDS.names
 SET_KINDS = OneOf(
     Choice("link_by_link", "link by link", "Starting from the terminal link."),
     Choice("wrist_then_shoulder", "wrist, then shoulder", "The last three joints, then the others."),
@@ -109,22 +108,25 @@ class TrajectoryRequest(Request):
         at_most=86_400,
     )
     harmonics: int = declare_field(
-        "For fourier: number of harmonics of the frequency 1 / duration", default=5, at_least=2, at_most=_MOST_HARMONICS
+        "For Fourier series: number of harmonics of the frequency 1 / duration",
+        default=5,
+        at_least=2,
+        at_most=_MOST_HARMONICS,
     )
     intervals: int = declare_field(
-        "For b_spline: number of intervals between knots; equals the free coefficients per joint",
+        "For B-splines: number of intervals between knots; equals the free coefficients per joint",
         default=9,
         at_least=2,
         at_most=2 * _MOST_HARMONICS,
     )
     points: int = declare_field(
-        "For point_to_point: number of points per round where the arm comes to rest",
+        "From point to point: number of points per round where the arm comes to rest",
         default=12,
         at_least=2,
         at_most=200,
     )
     dwell: tuple[float, float] = declare_field(
-        "For point_to_point: shortest and longest rest in a point; rests are random between them",
+        "From point to point: shortest and longest rest in a point; rests are random between them",
         default=(0.0, 0.0),
         unit="s",
         at_least=0,
@@ -153,7 +155,7 @@ class TrajectoryRequest(Request):
         "Joints that move, with the others locked at home; all if empty", default=(), option="--joint"
     )
     paces: tuple[float, ...] = declare_field(
-        "For fourier and b_spline: repeat the path at each of these shares of its speed",
+        "For Fourier series and B-splines: repeat the path at each of these shares of its speed",
         default=(1.0,),
         fewest=1,
         at_least=_SLOWEST,

@@ -14,12 +14,10 @@ from dynident.excitation.criteria.optimality_criteria import Baseline, Criterion
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.excitation.design_request import DesignRequest
 from dynident.motion.collision.exact_distances import Nearest
-from dynident.motion.collision.obstacle_geometry import FLOOR_ALONE, NOTHING_STATED
 from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.limits.limit_margins import Margin
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.recordings.joint_phases import find_phases
-from dynident.robot.collision_reader import UNCHECKED
 from dynident.robot.robot_model import Robot
 
 
@@ -54,8 +52,6 @@ def find_nearest_along(
     return () if space is None or space.contacts is None else tuple(space.contacts.find_nearest(q))
 
 
-_WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
-"""Beginnings of notes that say what was not checked."""
 # Difference of times (s) that is rounding.
 _HAIR = 1e-9
 
@@ -117,6 +113,8 @@ class Design:
     floor : float or None
         Height in the base frame, m, of the floor that the motion was checked against, stated or assumed; None where
         there was none.
+    warnings : tuple of str
+        The notes that one must have read before running the motion: what was not checked.
     """
 
     joint_names: tuple[str, ...]
@@ -135,6 +133,7 @@ class Design:
     expected: tuple[ExpectedParameter, ...] = ()
     runs: tuple[Run, ...] = ()
     floor: float | None = None
+    warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -142,11 +141,6 @@ class Design:
             f"{self.sampling_rate:g} Hz, {self.duration:.4g} s, condition number "
             f"{self.criterion_values.condition_number:.4g})"
         )
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The notes that one must have read before running the motion."""
-        return tuple(note for note in self.notes if note.startswith(_WARNINGS))
 
     @property
     def n_samples(self) -> int:

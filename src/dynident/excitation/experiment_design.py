@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note
 from dynident.excitation.criteria.criterion_choice import check_criterion, check_criterion_targets
 from dynident.excitation.criteria.design_criterion import add_rivals, build_design_criterion
 from dynident.excitation.criteria.prediction_region import Region, draw_region
@@ -221,6 +221,7 @@ def design_experiment(
     # A floor that was only assumed is not a floor that the user stated: the note on what was checked says so.
     floor_assumed = limits.space is not None and limits.space.assumed
     reach = note_reach(robot, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
+    all_notes = (*experiment.notes, *notes, *model.notes, *limits.notes, *reach)
     progress(1.0, "done")
     return Design(
         joint_names=robot.joint_names,
@@ -235,7 +236,8 @@ def design_experiment(
         criterion_values=experiment.valued.values,
         baseline=experiment.baseline,
         margins=experiment.margins,
-        notes=(*experiment.notes, *notes, *model.notes, *limits.notes, *reach),
+        notes=all_notes,
+        warnings=tuple(note for note in all_notes if isinstance(note, Note) and note.code),
         expected=experiment.valued.expected,
         runs=experiment.runs,
         floor=ASSUMED_HEIGHT if floor_assumed else request.surroundings.floor,

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.effects import Column, get_role
+from dynident.effects import DEFAULT_EFFECTS, OFFSETS, Column, get_role
 from dynident.errors import DynidentError, suggest_names
 from dynident.estimation import PriorInformation
 from dynident.estimation.parameter_covariance import compute_null_space
@@ -409,7 +409,7 @@ def _state_known(model: Model, belief: NormalPrior, trust: DescriptionTrust) -> 
 
 
 def check_known(model: Model, known: Mapping[str, float]) -> None:
-    """Raise where a known parameter is none of the model, or a mass or a moment of inertia below zero.
+    """Raise where a known parameter is none of the model, or a mass, a moment of inertia or friction below zero.
 
     Parameters
     ----------
@@ -441,6 +441,29 @@ def check_known(model: Model, known: Mapping[str, float]) -> None:
                 pointer="/known",
                 title="Impossible value",
             )
+        if value < 0 and role in FRICTION_ROLES and has_plain_friction(model):
+            raise DynidentError(
+                f"the known {name} is {value:g}, but friction below zero would drive the motion; check the sign of the "
+                "value",
+                pointer="/known",
+                title="Impossible value",
+            )
+
+
+FRICTION_ROLES = ("dry", "damping")
+"""Roles of the parameters of friction that brakes."""
+_PLAIN = {choice.effect for choice in (*DEFAULT_EFFECTS, OFFSETS)}
+
+
+def has_plain_friction(model: Model) -> bool:
+    """Return whether no friction may be below zero: beside other friction effects a negative part is possible.
+
+    Parameters
+    ----------
+    model : Model
+        The robot with its effects.
+    """
+    return all(choice.effect in _PLAIN for choice in model.effects)
 
 
 def list_unused(model: Model, trust: DescriptionTrust) -> list[str]:

@@ -48,16 +48,11 @@ StrategyName = str
 EstimatorName = str
 PriorName = str
 
-AVAILABLE_MODELS = MODELS.names
-AVAILABLE_STRATEGIES = STRATEGIES.names
-AVAILABLE_ESTIMATORS = ESTIMATORS.names
-AVAILABLE_PRIORS = PRIORS.names
 COVARIANCES = OneOf(
     Choice("by_time_and_joints", "all joints, over blocks of time", "All joints together, over blocks of time."),
     Choice("by_joint", "each joint, over time", "Each joint over time; joints are independent of each other."),
     Choice("independent", "nothing", "Every row counts as an independent sample [12.6].", "nothing"),
 )
-AVAILABLE_COVARIANCES = COVARIANCES.names
 STEPS = OneOf(
     Choice("link_by_link", "link by link", "From the last link to the first [12.22]."),
     Choice(
@@ -136,17 +131,28 @@ class IdentificationChoices(Request):
         "Use of the inertias in the robot's description, weighted by their uncertainty", default=None, kinds=PRIORS
     )
     free_links: tuple[str, ...] = declare_field(
-        "Joints whose links the prior does not apply to, such as a link with a load", default=(), most=100
+        "Joints whose links the prior does not apply to, such as a link with a load",
+        default=(),
+        most=100,
+        label="Links without prior",
     )
     prior_error: float = declare_field(
-        "Usual relative error of the description's inertias", default=USUAL_SHARE, at_least=1e-6, at_most=10
+        "Usual relative error of the description's inertias",
+        default=USUAL_SHARE,
+        at_least=1e-6,
+        at_most=10,
+        label="Error of the description",
     )
     known: Mapping[str, float] = declare_field(
         "Single parameters that are known, by name, in SI units: a motor's inertia from its data sheet as Ia3",
         made_by=dict,
+        label="Known parameters",
     )
     known_errors: Mapping[str, float] = declare_field(
-        "Standard deviations of known parameters, by name; without one a value is exact", made_by=dict, above=0
+        "Standard deviations of known parameters, by name; without one a value is exact",
+        made_by=dict,
+        above=0,
+        label="Errors of known parameters",
     )
     pole: float | None = declare_field(
         "a of the filtered model's F(s) = a²/(s + a)²; from the data if left out",
@@ -154,6 +160,7 @@ class IdentificationChoices(Request):
         unit="rad/s",
         at_least=1e-3,
         at_most=1e6,
+        label="Pole of the filtered model",
     )
     interval: float | None = declare_field(
         "Interval of one equation of the energy model; from the data if left out",
@@ -161,6 +168,7 @@ class IdentificationChoices(Request):
         unit="s",
         at_least=1e-6,
         at_most=86_400,
+        label="Interval of the energy model",
     )
     preprocessing: Preprocessing | None = declare_field("Filters; from the data if left out", default=None, option="-")
     tolerance: float = declare_field(
@@ -174,8 +182,9 @@ class IdentificationChoices(Request):
     )
 
     weigh_turns: bool = declare_field(
-        "For joint torques with wls or feasible: rows at reversals have their own weight",
+        "For joint torques by weighted or feasible least squares: rows at reversals have their own weight",
         default=True,
+        label="Weigh reversals apart",
     )
 
     def __post_init__(self) -> None:

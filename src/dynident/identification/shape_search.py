@@ -41,7 +41,7 @@ def lacks_shape(choice: EffectChoice) -> bool:
 
 
 def check_choices(choices: Sequence[EffectChoice], robot: Robot) -> None:
-    """Raise where an effect cannot act on its joints or lacks a shape constant.
+    """Raise where an effect cannot act on its joints, or lacks a shape constant that is not searched on a grid.
 
     Parameters
     ----------
@@ -59,28 +59,12 @@ def check_choices(choices: Sequence[EffectChoice], robot: Robot) -> None:
         pointer = f"/effects/{index}"
         check_shape_constants(choice, pointer)
         find_joints(choice, robot, pointer)
-    check_shapes_given(choices)
-
-
-def check_shapes_given(choices: Sequence[EffectChoice]) -> None:
-    """Raise where a choice leaves a shape constant open that is not searched on a grid.
-
-    Parameters
-    ----------
-    choices : sequence of EffectChoice
-        Effects with their joints and shape constants.
-
-    Raises
-    ------
-    DynidentError
-    """
-    for index, choice in enumerate(choices):
-        for spec in get_effect(choice.effect, f"/effects/{index}").shapes:
+        for spec in get_effect(choice.effect, pointer).shapes:
             if spec.proposal != "grid" and spec.name not in choice.shape_values:
                 raise DynidentError(
                     f"{choice.effect} needs its {spec.description} ({spec.name}, {spec.unit}); a diagnosis finds it in "
                     "the residual, or give it as a shape constant",
-                    pointer=f"/effects/{index}/shape/{spec.name}",
+                    pointer=f"{pointer}/shape/{spec.name}",
                     title="Missing shape constant",
                 )
 

@@ -18,7 +18,7 @@ _POSTURES = 400
 
 
 def compute_smallest_inertia_eigenvalue(
-    model: Model, values: FloatArray, *, seed: int = 0, postures: FloatArray | None = None
+    model: Model, values: FloatArray, *, postures: FloatArray | None = None
 ) -> float:
     """Return the smallest eigenvalue of A(q), scaled to a unit diagonal, over random postures.
 
@@ -31,8 +31,6 @@ def compute_smallest_inertia_eigenvalue(
         The model, with its base parameters' columns.
     values : (b,)
         Base parameters.
-    seed : int
-        Of the random postures.
     postures : (m, n), optional
         Look at these instead.
 
@@ -52,7 +50,7 @@ def compute_smallest_inertia_eigenvalue(
     inertial_values = np.zeros(observation.n_columns)
     inertial_values[inertial] = values[inertial]
     entries = (
-        _evaluate_random_postures(observation, seed)
+        _evaluate_random_postures(observation)
         if postures is None
         else _evaluate_unit_accelerations(observation, postures)
     )
@@ -97,8 +95,8 @@ def get_joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=4)
-def _evaluate_random_postures(observation: Observation, seed: int) -> FloatArray:
-    return _evaluate_unit_accelerations(observation, draw_postures(observation.robot, _POSTURES, seed))
+def _evaluate_random_postures(observation: Observation) -> FloatArray:
+    return _evaluate_unit_accelerations(observation, draw_postures(observation.robot, _POSTURES, 0))
 
 
 def _evaluate_unit_accelerations(observation: Observation, q: FloatArray) -> FloatArray:

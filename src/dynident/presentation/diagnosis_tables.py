@@ -95,7 +95,7 @@ def build_candidate_table(
             Cell(format_p_value(item.p_value), item.p_value),
             make_percent_cell(item.separability, 2),
             Cell(format_reason(item)),
-            Cell(f"{item.evidence}{describe_rivals(item.equivalent)}"),
+            Cell(item.evidence),
         )
         for item in ranked
     )

@@ -18,7 +18,7 @@ from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata_revisions import adapt_cures
 from dynident.recordings.position_checks import check_motion
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording
-from dynident.recordings.recording_metadata import ACCEPTED, Check, RecordingError, RecordingMetadata
+from dynident.recordings.recording_metadata import Check, RecordingError, RecordingMetadata
 from dynident.recordings.torque_checks import check_torque
 
 
@@ -92,7 +92,7 @@ def run_checks(
 
 def _mark_accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:
     return tuple(
-        replace(check, status="warning", detail=f"{check.detail}{ACCEPTED}")
+        replace(check, status="warning", detail=f"{check.detail} (Accepted.)", is_accepted=True)
         if check.status != "ok" and check.name in accept and not check.is_accepted
         else check
         for check in checks

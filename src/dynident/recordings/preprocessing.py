@@ -146,8 +146,12 @@ def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float, widest: float = np
         )
     else:
         because += f"; the sampling rate of {rate:.4g} Hz has no useful signal above {ceiling:.3g} Hz."
-    other = _explain_position_cutoff(position) if position > cutoff else _explain_torque_cutoff(cutoff)
-    return _add_decimation(Preprocessing(position, cutoff, 1, 4, (because, other)), rate)
+    # The reason for the position's cut-off stands first, that for the torque's second.
+    if position > cutoff:
+        reasons = (_explain_position_cutoff(position), because)
+    else:
+        reasons = (because, _explain_torque_cutoff(cutoff))
+    return _add_decimation(Preprocessing(position, cutoff, 1, 4, reasons), rate)
 
 
 def find_motion_band(recordings: Sequence[Recording]) -> float:
@@ -209,9 +213,7 @@ def preprocessing_from_request(
             # Torque is worth no more than the positions that have to explain it.
             torque = automatic.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
         # Only what was left open was chosen for these reasons; that of the decimation is found anew below.
-        chosen = automatic.reasons[:2]
-        if "torque_cutoff" in fields:
-            chosen = tuple(reason for reason in chosen if reason.startswith("Position"))
+        chosen = automatic.reasons[: 1 if "torque_cutoff" in fields else 2]
         reasons = (_explain_torque_cutoff(torque),) if "position_cutoff" in fields else chosen
         preprocessing = Preprocessing(position, torque, reasons=reasons)
     preprocessing = replace(

@@ -76,9 +76,6 @@ NO_MEASUREMENT = {
 }
 """Kinds of torque that nothing can be identified from, and why."""
 
-ACCEPTED = " (Accepted.)"
-"""Ends the detail of a finding that the user has accepted."""
-
 
 @dataclass(frozen=True)
 class RecordingMetadata(Request):
@@ -399,6 +396,8 @@ class Check:
         Data rows, counted from 1, by column, where the finding is about several.
     remedies : tuple of Remedy
         Those that the sentence quotes.
+    is_accepted : bool
+        Whether the user has said that the recording is right all the same.
     """
 
     name: str
@@ -410,14 +409,10 @@ class Check:
     apply: Revision | None = None
     rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     remedies: tuple[Remedy, ...] = ()
+    is_accepted: bool = False
 
     def __str__(self) -> str:
         return f"{self.name.replace('_', ' ')}: {self.detail}"
-
-    @property
-    def is_accepted(self) -> bool:
-        """Whether the user has said that the recording is right all the same."""
-        return self.detail.endswith(ACCEPTED)
 
 
 class RecordingError(DynidentError):

@@ -395,7 +395,7 @@ def check_columns(columns: Sequence[Column]) -> None:
         keys.add(column.key)
 
 
-def find_inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
+def find_inertial_base_parameters(robot: Robot) -> BaseParameters:
     """Return the base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
-    return find_base_parameters(robot, build_columns([LINKS], signals), signals, tolerance=tolerance)
+    return find_base_parameters(robot, build_columns([LINKS], signals), signals)

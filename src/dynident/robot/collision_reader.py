@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from dynident.array_types import FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note, Remedy
 from dynident.robot.collision_shapes import Block, Capsule, Cylinder, Shape
 from dynident.robot.forward_kinematics import joint_motion
 from dynident.robot.joint import Joint, JointKind
@@ -185,8 +185,8 @@ def _read_numbers(element: Element, attribute: str, owner: str, count: int) -> F
 
 BASE = -1
 """Index that stands for the base, which no joint moves."""
-UNCHECKED = "COLLISION IS NOT CHECKED"
-"""Beginning of the note on links whose shapes could not be read."""
+UNCHECKED = "collision_unchecked"
+"""Code of the note on links whose shapes could not be read."""
 _SHOWN = 3
 """Number of unreadable meshes that a note names; the reason is mostly the same for all."""
 
@@ -271,7 +271,7 @@ def collision_geometry(
         shapes[joint].extend(parts.shapes)
         surfaces[joint].extend(parts.surfaces)
     names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
-    notes = [_describe_unread_meshes(unread, mesh_folders)] if unread else []
+    notes: list[str] = [_describe_unread_meshes(unread, mesh_folders)] if unread else []
     bare = [index for index in range(robot.n) if not shapes[index]]
     if link_radius is not None and bare:
         for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
@@ -349,11 +349,13 @@ def _iter_urdf_links(
         )
 
 
-def _describe_unread_meshes(unread: Sequence[str], mesh_folders: Sequence[Path]) -> str:
+def _describe_unread_meshes(unread: Sequence[str], mesh_folders: Sequence[Path]) -> Note:
     """Return a sentence on the meshes that could not be read and on what to do about it."""
-    cure = "" if mesh_folders else " Give the folders of the meshes (mesh_folders, --meshes FOLDER)."
+    remedies = () if mesh_folders else (Remedy("meshes"),)
+    cure = "".join(f" Give the meshes: {remedy}." for remedy in remedies)
     rest = f"; and {len(unread) - _SHOWN} more" if len(unread) > _SHOWN else ""
-    return f"{UNCHECKED} for {len(unread)} meshes that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
+    text = f"mesh{'es' if len(unread) > 1 else ''} that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
+    return Note(f"COLLISION IS NOT CHECKED for {len(unread)} {text}", remedies, UNCHECKED)
 
 
 def _place_links(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:

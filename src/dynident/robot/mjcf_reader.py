@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     import mujoco
 
 
-# MuJoCo's numbers: of kinds of equalities, and of a site, a joint in a tendon's path and a transmission by a tendon.
+# MuJoCo's numbers: of kinds of equalities, and of a site and a transmission by a tendon.
 _CONNECT, _WELD, _JOINT, _TENDON = 0, 1, 2, 3
 _FREE = 0
-_SITE, _WRAPPED_JOINT, _THROUGH_TENDON = 6, 1, 3
+_SITE, _THROUGH_TENDON = 6, 3
 
 
 @dataclass(frozen=True)

@@ -80,15 +80,13 @@ def build_settings(
     )
 
 
-def check_gravity(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
+def check_gravity(gravity: Sequence[float]) -> FloatArray:
     """Return the acceleration of gravity; zero is allowed (weightlessness).
 
     Parameters
     ----------
     gravity : sequence of float
         Its three components in the base frame, m/s².
-    at : str
-        JSON pointer to it in the caller's request.
 
     Returns
     -------
@@ -102,7 +100,9 @@ def check_gravity(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
     """
     vector = np.asarray(gravity, dtype=float)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-        raise DynidentError(f"Gravity is {list(gravity)}; expected three numbers in m/s².", pointer=at, title=TITLE)
+        raise DynidentError(
+            f"Gravity is {list(gravity)}; expected three numbers in m/s².", pointer="/gravity", title=TITLE
+        )
     return vector
 
 

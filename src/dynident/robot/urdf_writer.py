@@ -15,15 +15,13 @@ from dynident.robot.xml_text import Element, format_numbers, write_xml
 _BASE = "base"
 
 
-def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
+def urdf_from_robot(robot: Robot) -> str:
     """Return the URDF text of a robot, with kinematics, limits and inertias to the last digit.
 
     Parameters
     ----------
     robot : Robot
         The robot; a machine of joints that follow others is written as its tree, with <mimic>.
-    inertias : ndarray (N, 10), optional
-        Inertial parameters in the order of `INERTIAL_NAMES` instead of the robot's own.
 
     Returns
     -------
@@ -36,7 +34,7 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
         If a link has inertial parameters but no positive mass (a URDF states the centre of mass, which then does not
         exist), the robot has closed loops, or a joint follows several others.
     """
-    parameters = robot.inertias if inertias is None else inertias
+    parameters = robot.inertias
     ties = {} if robot.linkage is None else robot.linkage.ties
     if robot.linkage is not None and robot.linkage.closure is not None:
         raise DynidentError(

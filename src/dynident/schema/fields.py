@@ -142,6 +142,8 @@ class FieldDescription:
         The option of the command line, where it is not the field's own name; "-" where there is none.
     local : bool
         True for what concerns one machine only and is not sent to another.
+    label : str
+        What a form calls the field, where its name is too short to be understood.
     """
 
     words: str = ""
@@ -155,6 +157,7 @@ class FieldDescription:
     kinds: NamedValues | None = None
     option: str = ""
     local: bool = False
+    label: str = ""
 
     @property
     def sentence(self) -> str:
@@ -218,6 +221,7 @@ class FieldOptions(TypedDict, total=False):
     kinds: NamedValues | None
     option: str
     local: bool
+    label: str
 
 
 def declare_field(
@@ -236,7 +240,7 @@ def declare_field(
     default, made_by
         The default, or the function that makes it.
     more
-        As `FieldDescription` has it: unit, above, at_least, at_most, nonzero, fewest, most, kinds, option, local.
+        As `FieldDescription` has it: unit, range, length, kinds, option, local, label.
 
     Returns
     -------

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.diagnosis.comparison.data_leakage import DataOverlap
+from dynident.errors import Remedy
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.recording_faults import CAUSES, check_recording_faults
@@ -31,12 +32,15 @@ class Stop:
         Change of the metadata that cures that recording, where it is known.
     records_more : bool
         Whether nothing is wrong but that the data determine too little.
+    remedies : tuple of Remedy
+        Those that the cause quotes.
     """
 
     cause: str
     recording: str | None = None
     apply: Revision | None = None
     records_more: bool = False
+    remedies: tuple[Remedy, ...] = ()
 
 
 def is_hopeless(errors: Errors | None) -> bool:
@@ -144,7 +148,8 @@ def _find_failed_check(robot: Robot, recording: Recording) -> Stop | None:
     )
     if not failed_checks:
         return None
-    return Stop(f"In {recording.name}: {failed_checks[0].detail}", recording.name, failed_checks[0].apply)
+    gravest = failed_checks[0]
+    return Stop(f"In {recording.name}: {gravest.detail}", recording.name, gravest.apply, remedies=gravest.remedies)
 
 
 def _get_severity(check: Check) -> bool:

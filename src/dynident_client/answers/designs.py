@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypedDict
 
-from dynident_client.answers.shared_answers import CampaignRunView, Problem
+from dynident_client.answers.shared_answers import CampaignRunView, Problem, RemedyView
 
 
 class BaselineValues(TypedDict):
@@ -88,9 +88,13 @@ class DesignResult(TypedDict):
     promised: list[float | None] | None
     """For a motion of a campaign: errors that it leaves, by target of the campaign; null of one without a bound, as the
     centre of a load that does not show yet"""
+    remedies: list[RemedyView]
+    """Those that notes and warnings quote"""
     runs: list[Run]
     """Runs of a set of test motions; the column segment of the trajectory has their numbers"""
     sampling_rate: float
+    warning_codes: list[str]
+    """What each of the warnings is about, in the same order"""
     warnings: list[str]
     """Notes that everybody must read before running the motion"""
 

@@ -10,6 +10,7 @@ from dynident_client.answers.shared_answers import (
     DriftView,
     EffectChoice,
     ErrorsView,
+    RemedyView,
     UsedPreprocessing,
 )
 
@@ -369,6 +370,8 @@ class StopView(TypedDict):
     cause: str
     measurement_id: str | None
     """Place of the fault, as far as it is known"""
+    remedies: list[RemedyView]
+    """Those that the cause quotes"""
 
 
 class Table(TypedDict):

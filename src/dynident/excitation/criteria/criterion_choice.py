@@ -10,7 +10,9 @@ from dynident.errors import DynidentError
 from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
 NAMES = OneOf(
-    Choice("condition_number", "condition number", "That of W [12.12]: the usual choice."),
+    Choice(
+        "condition_number", "condition number", "Largest over smallest singular value of W [12.12]. The usual choice."
+    ),
     Choice(
         "equilibrated",
         "equilibrated condition number",

@@ -24,16 +24,14 @@ from dynident.excitation.equation_type_rows import DYNAMIC_ROWS, RowModel
 from dynident.motion.joint_trajectories import Motion, Piece, check_length, sample_pieces
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.limits.limit_margins import Margin, compute_margins
-from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
+from dynident.progress import Checkpoints, NoCheckpoints, Progress, scale_progress
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.qr_accumulation import compute_used_duration
 
 
-def build_earlier_rows(
-    model: DesignModel, recordings: Sequence[Recording], request: DesignRequest, progress: Progress = ignore_progress
-) -> FloatArray:
+def build_earlier_rows(model: DesignModel, recordings: Sequence[Recording], request: DesignRequest) -> FloatArray:
     """Return rows that stand for earlier recordings besides the rows W / √N of one period of a design.
 
     They have the same WᵀW as all rows of the recordings, in proportion to the length of the new experiment: a minute
@@ -47,8 +45,6 @@ def build_earlier_rows(
         The earlier runs.
     request : DesignRequest
         The design request, which gives the length of the new experiment.
-    progress : Progress
-        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
@@ -71,9 +67,7 @@ def build_earlier_rows(
             )
     # Filtered as an identification would filter them, so that their rows are worth as much as it will make of them.
     preprocessing = choose_preprocessing(recordings)
-    reduction = reduce_recordings(
-        model.observation, RegressorInputs(recordings, preprocessing, model.reference), progress
-    )
+    reduction = reduce_recordings(model.observation, RegressorInputs(recordings, preprocessing, model.reference))
     n, b = model.robot.n, model.n_parameters
     # The triangular factors have the inner products of all rows: a few rows stand for whole recordings.
     rows = np.zeros((max(equation.factors.shape[-1] for equation in reduction.equations), n, b))

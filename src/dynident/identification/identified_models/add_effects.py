@@ -29,7 +29,7 @@ from dynident.identification.identified_models.identify_from_recordings import (
 )
 from dynident.identification.identified_models.remove_and_solve_again import solve_submodel
 from dynident.identification.shape_refinement import list_shape_variables, reduce_with_shapes
-from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
+from dynident.identification.shape_search import check_choices, complete_shapes, lacks_shape
 from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
@@ -185,7 +185,7 @@ def extend(
     new = tuple(choice for choice in added if choice not in identification.choices.effects)
     if not new:
         raise DynidentError("all of these effects are already in the model", pointer="/effects", title="Nothing to add")
-    check_shapes_given(new)
+    check_choices(new, identification.model.robot)
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
     check_runs(new, recordings, validation)

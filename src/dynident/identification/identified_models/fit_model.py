@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import DEFAULT_EFFECTS, LINKS, OFFSETS, ReferenceParameters, get_role
+from dynident.effects import DEFAULT_EFFECTS, LINKS, ReferenceParameters, get_role
 from dynident.estimation import (
     Reduction,
     compute_errors,
     find_outlying_spans,
 )
+from dynident.identification.description_prior import FRICTION_ROLES, has_plain_friction
 from dynident.identification.equations.model_and_data_checks import check_reduction, check_torque
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
 from dynident.identification.estimation_problem import Problem, ShapeUncertainty
@@ -293,20 +294,17 @@ def _warn_of_friction_signs(identification: Identification) -> list[str]:
 
     Beside other friction effects a negative part is possible, so only plain models are judged.
     """
-    if any(choice.effect not in _PLAIN for choice in identification.choices.effects):
+    if not has_plain_friction(identification.model):
         return []
     return [
         f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
         "its torque and the order of the torque columns."
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
-        if get_role(column) in ("dry", "damping")
+        if get_role(column) in FRICTION_ROLES
         and not column.runs
         # Three standard deviations: noise alone takes hardly any of a dozen parameters that far below zero.
         and parameter.value < -3.0 * parameter.standard_deviation
     ]
-
-
-_PLAIN = {choice.effect for choice in (*DEFAULT_EFFECTS, OFFSETS)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import identify_model
 from dynident.identification.identified_models.gravity_from_poses import are_poses, identify_poses
 from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
-from dynident.identification.shape_search import check_shapes_given, complete_shapes, lacks_shape
+from dynident.identification.shape_search import check_choices, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
 from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
@@ -382,6 +382,7 @@ def identify(
     requested = choices = choices or IdentificationChoices()
     # All checks that need no numerics come first, so that a mistake shows at once.
     check_recordings(robot, recordings, validation)
+    check_choices(choices.effects, robot)
     if are_poses(recordings, validation):
         return identify_poses(robot, recordings, validation, requested)
     check_temperature(choices.effects, recordings, validation)
@@ -392,7 +393,6 @@ def identify(
     robot = mark_unrecorded_torques(robot, ordinary)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
     rows, preprocessing = find_constants(choices.row_options, ordinary, preprocessing)
-    check_shapes_given(choices.effects)
     effects, reference = prepare_effects(robot, choices, ordinary, preprocessing, scale_progress(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = get_model(robot, choices.effects, tolerance=choices.tolerance)

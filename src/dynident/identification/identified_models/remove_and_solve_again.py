@@ -409,9 +409,7 @@ def _subtract_effect(choice: EffectChoice, removed: EffectChoice, robot: Robot) 
     return (replace(choice, joints=tuple(robot.joint_names[j] for j in remaining)),) if remaining else ()
 
 
-def build_submodel(
-    known: Model, effects: Sequence[EffectChoice], tolerance: float, pointer: str = "/effects"
-) -> tuple[Model, FloatArray]:
+def build_submodel(known: Model, effects: Sequence[EffectChoice], tolerance: float) -> tuple[Model, FloatArray]:
     """Build the model of some of a model's effects, without compiling anything.
 
     Parameters
@@ -422,8 +420,6 @@ def build_submodel(
         Effects of the smaller model.
     tolerance : float
         Which columns count as dependent.
-    pointer : str
-        Field of the request that errors name.
 
     Returns
     -------
@@ -442,7 +438,7 @@ def build_submodel(
     if strangers:
         raise DynidentError(
             f"the reduced data have no columns for {', '.join(strangers)}; identify from the recordings",
-            pointer=pointer,
+            pointer="/effects",
             title="Recordings needed",
         )
     # The base parameters of the smaller model follow from those of the larger one: no random states are evaluated.

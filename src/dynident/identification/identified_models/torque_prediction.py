@@ -158,9 +158,11 @@ def compute_prediction_deviation(observation: Observation, entries: FloatArray, 
 def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, FloatArray], level: float) -> None:
     n = estimate.model.robot.n
     for name, values in zip(("q", "dq", "ddq"), motion, strict=True):
-        if values.ndim != 2 or values.shape != (len(motion[0]), n):
+        if values.ndim != 2 or values.shape != (len(motion[0]), n) or not len(values):
             raise DynidentError(
-                f"{name} has the shape {values.shape}; all three must have the shape (samples, {n})", pointer=f"/{name}"
+                f"{name} has the shape {values.shape}; all three must have the shape (samples, {n}), with one sample "
+                "or more",
+                pointer=f"/{name}",
             )
         if not np.isfinite(values).all():
             raise DynidentError(f"{name} contains a value that is not finite", pointer=f"/{name}")

@@ -131,7 +131,7 @@ class EntropicDescription(Prior):
     name = "description_entropic"
     label = "the description's bodies (entropic)"
     words = "Uses the bodies of the description, independent of the frame; needs the estimator physically feasible."
-    brief = "bodies, independent of the frame; with --estimator feasible"
+    brief = "bodies, independent of the frame; with the estimator feasible"
     place = 2
     called = "description (entropic)"
     of_bodies = True

@@ -27,7 +27,6 @@ _EXACTNESS = 5e-4
 """Absolute precision of the nearest approach, m."""
 # Far from everything a coarser answer does: nobody needs to know a distance of one metre to half a millimetre.
 _RELATIVE_EXACTNESS = 0.05
-_IDENTITY = coal.Transform3s()
 
 
 @dataclass(frozen=True, eq=False)

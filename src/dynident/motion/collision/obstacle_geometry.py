@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from dynident.array_types import FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note, Remedy
 from dynident.motion.collision.surroundings import Box, Surroundings, ToolRange, Wall
 from dynident.number_format import format_percent
 from dynident.robot.collision_shapes import Block
@@ -22,9 +22,12 @@ from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.json_fields import make_pointer
 from dynident.robot.robot_model import Robot
 
-NOTHING_STATED = "NOTHING AROUND THE ROBOT IS CHECKED"
-FLOOR_ALONE = "NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED"
-"""How the notes begin that say so."""
+NOTHING_STATED, FLOOR_ALONE = "surroundings_unchecked", "floor_alone_checked"
+"""Codes of the notes that say that nothing around the robot is checked, or nothing but an assumed floor."""
+_HEADINGS = {
+    NOTHING_STATED: "NOTHING AROUND THE ROBOT IS CHECKED",
+    FLOOR_ALONE: "NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED",
+}
 _BELOW = 1e-3
 """Distance below the base plane that is rounding, m."""
 
@@ -91,7 +94,7 @@ def measure_reach(robot: Robot, t: FloatArray, q: FloatArray) -> Reach:
 
 def note_reach(
     robot: Robot, t: FloatArray, q: FloatArray, surroundings: Surroundings, *, floor_assumed: bool = False
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """Return notes on the reach of a motion where no obstacle was stated; none otherwise.
 
     Parameters
@@ -107,7 +110,7 @@ def note_reach(
 
     Returns
     -------
-    tuple of str
+    tuple of Note
         One note, or none.
     """
     if surroundings.has_obstacles or surroundings.tool_range is not None:
@@ -115,20 +118,23 @@ def note_reach(
     reach = measure_reach(robot, t, q)
     height = f"{abs(reach.lowest):.2f} m {'below' if reach.lowest < 0 else 'above'} the base plane"
     below = f", below that plane for {format_percent(reach.below, decimals=0)} of the time" if reach.below else ""
-    heading = FLOOR_ALONE if floor_assumed else NOTHING_STATED
-    return (
-        f"{heading}: no floor, wall or box was stated (surroundings). The lowest joint is {reach.lowest_joint}, "
-        f"{height} at {reach.lowest_time:.1f} s{below}. The joint farthest from the base's axis is "
-        f"{reach.widest_joint}, at {reach.widest:.2f} m. Links and tool reach further. Make sure that this space is "
-        "free, and run the motion at a third of the speed first.",
+    code = FLOOR_ALONE if floor_assumed else NOTHING_STATED
+    note = (
+        f"{_HEADINGS[code]}: no floor, wall or box was stated (surroundings). The lowest joint is "
+        f"{reach.lowest_joint}, {height} at {reach.lowest_time:.1f} s{below}. The joint farthest from the base's axis "
+        f"is {reach.widest_joint}, at {reach.widest:.2f} m. Links and tool reach further. Make sure that this space is "
+        "free, and run the motion at a third of the speed first."
     )
+    return (Note(note, code=code),)
 
 
 ASSUMED_HEIGHT = 0.0
 """Height of an assumed floor in the base frame, m: robots stand on their base."""
-FLOOR_ASSUMED = (
+_NO_FLOOR = Remedy("assume_floor", False)
+FLOOR_ASSUMED = Note(
     "A floor through the base (z = 0) is assumed, because no surroundings were stated: only the first link may "
-    "reach it. State the surroundings, or that there is no floor (assume_floor: false, --no-floor)."
+    f"reach it. State the surroundings, or that there is no floor: {_NO_FLOOR}.",
+    (_NO_FLOOR,),
 )
 _UPRIGHT = 0.99
 """Cosine of the largest angle, 8°, between gravity and the base's z axis of a robot that stands on a floor."""

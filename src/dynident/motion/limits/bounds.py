@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note, Remedy
 from dynident.motion.collision.constraint_slack import FollowerRates, LoopConstraints
 from dynident.motion.collision.free_space import FreeSpace, build_free_space
 from dynident.motion.collision.obstacle_geometry import Surroundings, check_surroundings
@@ -93,9 +93,10 @@ _JERK_PER_ACCELERATION = 20.0
 _FROM_DESCRIPTION = (
     "Torque is predicted from the inertias in the robot's description, without rotor inertia and friction."
 )
-_LEAVE_ROOM = (
-    "Leave room in the torque limits for both, or give an identified model, which knows them (--identified, "
-    "identification_id)."
+_IDENTIFIED = Remedy("identification_id")
+_LEAVE_ROOM = Note(
+    f"Leave room in the torque limits for both, or give an identified model, which knows them: {_IDENTIFIED}.",
+    (_IDENTIFIED,),
 )
 # Share by which limits are tightened for the design.
 _HAIR = 1e-6

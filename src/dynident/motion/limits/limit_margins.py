@@ -43,7 +43,7 @@ class AmplitudeScaler:
         count = _SAMPLES_PER_WAVE * family.waves if fine else 2 * _SAMPLES_PER_WAVE
         self._basis = family.basis(np.arange(count) * family.period / count)[:4]
 
-    def scale_down(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:
+    def scale_down(self, x: FloatArray) -> FloatArray | None:
         """Return coefficients with the amplitude scaled to keep the limits.
 
         The centre (the offsets) stays, except that it is moved inside the position limits.
@@ -52,8 +52,6 @@ class AmplitudeScaler:
         ----------
         x : (m, n)
             Coefficients of the family.
-        most : float
-            Largest factor on the amplitude.
 
         Returns
         -------
@@ -72,7 +70,7 @@ class AmplitudeScaler:
         # A joint that is locked has neither room nor motion: 0 / 0.
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = min(
-                most,
+                1.0,
                 float(np.nanmin((b.position_high - scaled[0]) / np.maximum(q.max(axis=0), 0.0))),
                 float(np.nanmin((scaled[0] - b.position_low) / np.maximum(-q.min(axis=0), 0.0))),
                 float((b.velocity / np.abs(dq).max(axis=0)).min()),

@@ -3,6 +3,7 @@
 import { figures, h, listed, section } from "./dom.js";
 import { grouped, number, quantity } from "./format.js";
 import { address } from "./page_address.js";
+import { inPageWords } from "./recordings/remedies.js";
 
 /** The measurements of the fit and the held-out ones, each a link to its signals, windows and checks. */
 export function dataSection(model) {
@@ -24,5 +25,5 @@ export function dataSection(model) {
 function checksInWords(checks) {
   const bad = checks.filter((one) => one.status !== "ok");
   if (!bad.length) return h("span", { class: "mark ok" }, "✓ all passed");
-  return h("ul", {}, bad.map((one) => h("li", {}, `${one.name}: ${one.detail}`)));
+  return h("ul", {}, bad.map((one) => h("li", {}, `${one.name.replaceAll("_", " ")}: `, inPageWords(one.detail, one.remedies))));
 }

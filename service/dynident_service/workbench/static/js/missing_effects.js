@@ -115,17 +115,17 @@ function verdict(model, result, { title, columns, rows, notes: [summary, ...othe
 
 /** The questions whether the robot has a part; an answer is kept with the robot, and the model diagnosed again. */
 function partQuestions(model, result, run) {
-  const asked = new Map(result.recommended.filter((one) => one.question).map((one) => [one.question, model.effects.byId.get(one.effect)?.hardware]));
-  return [...asked].filter(([, part]) => part).map(([question, part]) => {
+  const asked = new Map(result.recommended.filter((one) => one.question).map((one) => [one.question, model.effects.byId.get(one.effect)]));
+  return [...asked].filter(([, effect]) => effect?.hardware).map(([question, { title, hardware: part }]) => {
     const said = h("span");
     const answer = (key) => async (event) => pressed(event.target, async () => {
       const robot = await get(`/robots/${model.identification.robot_id}`);
       await patch(`/robots/${robot.id}`, { [key]: [...robot[key], part] });
       await run(post("/diagnoses", { identification_id: model.id }));
     }, (error) => put(said, problemBox(error)));
-    return h("p", { class: "actions", "data-part": part }, question, " ",
-      h("button", { type: "button", class: "small", onclick: answer("has") }, "Yes"), " ",
-      h("button", { type: "button", class: "small", onclick: answer("has_not") }, "No"), said);
+    return h("p", { class: "actions", "data-part": part, role: "group", "aria-label": question }, `${title}: `,
+      h("button", { type: "button", class: "small", onclick: answer("has") }, "the robot has it"), " ",
+      h("button", { type: "button", class: "small", onclick: answer("has_not") }, "it has none"), said);
   });
 }
 

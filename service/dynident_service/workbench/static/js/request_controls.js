@@ -21,8 +21,8 @@ function control(id, schema, { given, pointer, prefix, none, longestLabel }) {
   const unit = schema["x-unit"];
   const words = (schema.description ?? "").replace(`, in ${unit}`, "");
   // Beneath a choice stands what the chosen one is for.
-  const label = made.hint !== undefined && words && words.length <= longestLabel ? words : labelOf(id);
-  const element = field(unit ? `${label} (${unit})` : label, made.input, { pointer, hint: made.hint ?? words });
+  const label = made.hint !== undefined && words && words.length <= longestLabel ? words : schema["x-label"] ?? labelOf(id);
+  const element = field(unit ? `${label} (${unit})` : label, made.input, { pointer, hint: made.hint ?? (words === label ? "" : words) });
   element.title = words;
   made.shown?.(element.querySelector("small"));
   return { id, element, input: made.input, read: made.read, asked: (value) => value !== undefined && (given !== undefined || !same(value, schema.default ?? null)) };

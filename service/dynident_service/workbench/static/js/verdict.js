@@ -5,6 +5,7 @@ import { h, put, section } from "./dom.js";
 import { driftFigure } from "./ladder_figures.js";
 import { address } from "./page_address.js";
 import { orSay } from "./problem.js";
+import { inPageWords } from "./recordings/remedies.js";
 import { byName, foldedTable } from "./tables.js";
 import { goToTab } from "./tabs.js";
 
@@ -29,7 +30,7 @@ function judged(found, robot) {
   const fit = !found.stop && found.uses.every((one) => one.state === "yes");
   const { uses, drift } = byName(found);
   return [
-    h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, found.summary)),
+    h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, inPageWords(found.summary, found.stop?.remedies))),
     // After a gross fault the uses mean nothing.
     uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot))) : null,
     h("div", { id: "drift" }, foldedTable(drift), found.drift && !found.stop ? driftFigure(found.drift) : null),

@@ -1,9 +1,10 @@
 // Form of a design request, by the contract's fields and choices.
 
-import { post } from "../api.js";
+import { get, post } from "../api.js";
 import { controls, said as saidBy, sorted } from "../request_controls.js";
 import { catalogue } from "../catalogue.js";
-import { field, h } from "../dom.js";
+import { field, h, select } from "../dom.js";
+import { moment } from "../format.js";
 import { go } from "../page_address.js";
 import { sending } from "../problem.js";
 import { fieldsOf } from "../schema.js";
@@ -23,6 +24,9 @@ export async function designForm(robot, given) {
   const name = h("input", { maxlength: 200, id: "design-name", value: given.name ?? "" });
   const purpose = purposeChoice(robot, effects, criterion.name["x-choices"], given.criterion);
   const limits = limitsTable(robot, given);
+  const { items } = await get("/identifications", { robot_id: robot.id, limit: 100, brief: true });
+  const models = items.filter((one) => one.status === "succeeded" || one.id === given.identification_id);
+  const model = select([["", "the description"], ...models.map((one) => [one.id, `${one.name || robot.name}, ${moment(one.created_at)}`])], given.identification_id ?? "", null, { id: "design-identification" });
   const prefix = "design-";
   const around = await obstacles(given.surroundings, prefix);
   const [kind] = controls({ kind: asked.kind }, { given, prefix });
@@ -37,6 +41,7 @@ export async function designForm(robot, given) {
       ...given,
       robot_id: robot.id,
       name: name.value.trim() || null,
+      identification_id: model.value || null,
       kind: kind.read(),
       criterion: purpose.read(),
       ...limits.read(),
@@ -51,7 +56,9 @@ export async function designForm(robot, given) {
     h("div", { class: "fields" }, kind.element, open.map((one) => one.element)),
     limits.element,
     around.element,
-    h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),
+    h("div", { class: "fields" },
+      field("Torque predicted by", model, { pointer: "/identification_id", hint: "An identified model knows friction and rotors, too." }),
+      field("Name", name, { pointer: "/name" })),
     h("details", { class: "more", id: "design-more" }, h("summary", {}, "More options"), h("div", { class: "fields" }, folded.map((one) => one.element))),
     said,
     h("p", {}, submit),

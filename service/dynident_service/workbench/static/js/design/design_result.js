@@ -3,6 +3,7 @@
 import { get } from "../api.js";
 import { h, part, put } from "../dom.js";
 import { positionUnit, quantity } from "../format.js";
+import { inPageWords } from "../recordings/remedies.js";
 import { formatLinks } from "../save_file.js";
 import { choicesOfQuery } from "../schema.js";
 import { byName, foldedTable, shownTable } from "../tables.js";
@@ -21,10 +22,11 @@ export async function designResult(target, design, robot, signal) {
   await showMotion(motion, design, robot, signal);
 }
 
-function worth({ notes, warnings = [] }, quality) {
-  const others = notes.filter((one) => !warnings.includes(one));
+function worth({ notes, warnings = [], remedies }, quality) {
+  const words = (sentence) => inPageWords(sentence, remedies);
+  const others = notes.filter((one) => !warnings.includes(one)).map(words);
   return part("What the motion shows",
-    h("div", { class: "folded" }, shownTable(quality, { id: "design-quality" })), warnings.map((one) => h("p", { class: "box warning", role: "alert" }, one)),
+    h("div", { class: "folded" }, shownTable(quality, { id: "design-quality" })), warnings.map((one) => h("p", { class: "box warning", role: "alert" }, words(one))),
     others.length ? h("details", {}, h("summary", {}, `Notes (${others.length})`), h("ul", {}, others.map((one) => h("li", {}, one)))) : null);
 }
 

@@ -20,7 +20,7 @@ export function limitsTable(robot, given) {
       return h("div", { "data-pointer": pointer }, element);
     };
     return row([
-      [joint.name, h("span", { class: "note" }, turns ? " rad, N m" : " m, N")],
+      [joint.name, h("span", { class: "note" }, turns ? " rad, N\u00a0m" : " m, N")],
       cell("position", wanted.position?.[0], "Lowest position", 0),
       cell("position", wanted.position?.[1], "Highest position", 1),
       ...KINDS.map(([kind]) => cell(kind, wanted[kind], `Largest ${kind}`)),

@@ -13,11 +13,19 @@ export function inPageWords(sentence, remedies, joints = []) {
   return (remedies ?? []).reduce((text, one) => (one.text ? text.replaceAll(one.text, () => remedyInWords(one, joints)) : text), sentence);
 }
 
+// What is done by a control of this page whatever the value.
+const CONTROLS = {
+  accept: "that it is, by the button “It is right: use it anyway”",
+  drives: "the fields “Drive gains”",
+  contacts: "the robot's fields of its base",
+  meshes: "over HTTP or on the command line, not on this page",
+  assume_floor: "“Assume floor”, under “More about obstacles”",
+  identification_id: "“Torque predicted by”",
+};
+
 function remedyInWords({ field, value }, joints) {
-  const open = JSON.stringify(value ?? null).includes("null") || JSON.stringify(value).includes("…");
-  if (field === "accept") return "that it is, by the button “It is right: use it anyway”";
-  if (field === "drives") return "the fields “Drive gains”";
-  if (field === "contacts") return "the robot's fields of its base";
+  if (field in CONTROLS) return CONTROLS[field];
+  const open = /null|…/.test(JSON.stringify(value ?? null));
   if (field === "columns" && open) return `the table of columns below (${Object.keys(value).map((one) => editInWords({ units: { [one]: "" } }, joints).replace(/ in $/, "")).join(", ")})`;
   if (field === "rate" && value === null) return "the field “Rows per second”";
   if (open) return `“${field.replaceAll("_", " ")}”`;
