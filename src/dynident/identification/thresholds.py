@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval"]
+ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval", "held"]
 
 
 def judge_parameter(value: float, deviation: float, half_width: float, owed: bool) -> ParameterJudgement:

@@ -121,6 +121,7 @@ PARAMETER_JUDGEMENTS: Mapping[ParameterJudgement, MarkedText] = MappingProxyType
         "determined": MarkedText("✓ determined", "ok"),
         "uncertain": MarkedText("! uncertain", "warning"),
         "zero_in_interval": MarkedText("0 in interval", "plain"),
+        "held": MarkedText("held", "plain"),
     }
 )
 """Words and mark for the judgement of a parameter by its interval."""

@@ -15,7 +15,6 @@ from dynident.errors import DynidentError
 from dynident.estimation import (
     CovarianceName,
     Errors,
-    PriorInformation,
     Reduction,
     Solution,
     Statistics,
@@ -286,7 +285,9 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
     own, known = larger.model, _list_known(smaller)
     assumed = set(_list_known(larger))
     keys = [column.key for column in own.columns]
+    names = [column.name for column in own.kept]
     strangers = [column.name for column in smaller.model.columns if column.key not in keys]
+    strangers += [name for name in known if name not in names]
     if strangers or not assumed <= set(known):
         missing = ", ".join(strangers or sorted(assumed - set(known)))
         raise DynidentError(
@@ -298,7 +299,7 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         )
     present = {column.key for column in smaller.model.columns}
     tested = {name: pair for name, pair in known.items() if name not in assumed}
-    free = [k for k, column in enumerate(own.columns) if column.key in present and column.name not in tested]
+    free = [k for k, column in enumerate(own.columns) if column.key in present]
     equations, kind = larger.data.equations, larger.choices.covariance
     # Essential parameters are least squares without the weights of rows, and the others have no deviation.
     if larger.choices.solver.robust and not larger.estimate.not_essential:
@@ -307,12 +308,15 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         full = _solve_plainly(larger)
         uncertainty = statistics(equations, full, kind)
     # Parameters in units of their standard deviations: kg and kg m² would not compare.
-    deviations = np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny)
+    deviations = np.where(full.is_held, 1.0, np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny))
     grouping = own.base.grouping / deviations[:, None]
     reached = grouping[:, free]
     sizes = np.linalg.norm(reached, axis=0)
     # Functions of the parameters that nothing in the smaller model can change.
     functions = compute_null_space((reached / np.where(sizes > 0, sizes, 1.0)).T).T
+    # Parameters that the smaller model knows, each a condition of its own.
+    fixed = np.eye(len(deviations))[[names.index(name) for name in tested]]
+    n_zero, functions = len(functions), np.vstack([functions, fixed])
     if not len(functions):
         raise DynidentError(
             "both models have the same parameters, so there is nothing to test",
@@ -321,12 +325,10 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         )
     covariance = functions @ (uncertainty.covariance / np.outer(deviations, deviations)) @ functions.T
     values = functions @ (full.values / deviations)
-    for k, column in enumerate(own.columns):
-        if column.name in tested:
-            value, error = tested[column.name]
-            moved = functions @ grouping[:, k]
-            values = values - value * moved
-            covariance = covariance + error**2 * np.outer(moved, moved)
+    for row, (name, (value, error)) in enumerate(tested.items(), n_zero):
+        unit = deviations[names.index(name)]
+        values[row] -= value / unit
+        covariance[row, row] += (error / unit) ** 2
     blocks = int(find_occupied_blocks(equations).sum())
     if kind != "by_time_and_joints" or blocks < FEWEST_CLUSTERS:
         return compute_wald_test(values, covariance, float(uncertainty.freedom.min()))
@@ -441,7 +443,7 @@ def _solve_essential(
     known = full.known
     if known is not None:
         # Parameters that are set to zero drop out of the rows of the prior as well.
-        known = PriorInformation(known.factor[:, essential], known.right)
+        known = known.select_columns(essential)
     smaller = equations.select_columns(essential)
     solution = solve(smaller, full.noise, known)
     return solution, statistics(smaller, solution, covariance)

@@ -61,8 +61,8 @@ class IdentifiedParameter:
     relative_standard_deviation : float
         The standard deviation over the value, a fraction.
     judgement : str
-        "determined" by the data, "uncertain" (also where it is known from elsewhere rather than from the data), or
-        "zero_in_interval".
+        "determined" by the data, "uncertain" (also where it is known from elsewhere rather than from the data),
+        "zero_in_interval", or "held" at a known value, with a standard deviation of 0.
     times_smallest : float
         Its relative standard deviation over the smallest one of all, which §12.7 wants below ten.
     effect : str
@@ -204,9 +204,10 @@ class Estimate(Deferring):
     @property
     def parameters(self) -> tuple[IdentifiedParameter, ...]:
         """The base parameters in the order of the model."""
-        relative = self.statistics.relative_standard_deviations(self.values)
+        held = self.solution.is_held
+        relative = np.where(held, 0.0, self.statistics.relative_standard_deviations(self.values))
         # A parameter that a prior fixes exactly has no deviation; dividing by it would make all others infinite.
-        smallest = max(float(np.min(relative, initial=inf)), _EXACT)
+        smallest = max(float(np.min(relative[~held], initial=inf)), _EXACT)
         deviations = self.statistics.standard_deviations
         # Half-widths by Student's t: few independent samples give wider intervals than a normal distribution.
         half = self.statistics.half_widths()
@@ -217,7 +218,9 @@ class Estimate(Deferring):
                 unit=column.unit,
                 standard_deviation=float(deviations[k]),
                 relative_standard_deviation=float(relative[k]),
-                judgement=judge_parameter(
+                judgement="held"
+                if held[k]
+                else judge_parameter(
                     float(self.values[k]), float(deviations[k]), float(half[k]), bool(self.owed_to_known[k])
                 ),
                 times_smallest=float(relative[k] / smallest),
