@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, KnownNames
 from dynident.file_output import check_ending, write_atomically
 from dynident.optional_dependencies import format_install_hint
 from dynident.text_encoding import encode_text, replace_control_characters
@@ -26,7 +26,7 @@ _ENDINGS = (".svg", ".png", ".pdf")
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class Figure(KnownNames):
     """One drawing, which a notebook shows and `save` writes to a file.
 
     Parameters

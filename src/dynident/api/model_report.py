@@ -15,6 +15,7 @@ from dynident.api.model_identification import as_model
 from dynident.api.model_validation import Validations
 from dynident.api.motion_design import DesignedMotion
 from dynident.diagnosis import compare
+from dynident.errors import KnownNames
 from dynident.file_output import check_ending, write_atomically
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation
@@ -25,7 +26,7 @@ _ENDINGS = (".html", ".htm", ".pdf")
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class Report(KnownNames):
     """A page that needs no other files; a notebook shows it in a frame.
 
     Parameters

@@ -10,6 +10,7 @@ from dynident.api.argument_checks import check_arguments
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.recording_collection import SomeRecordings, as_recordings
+from dynident.errors import KnownNames
 from dynident.identification import Identification
 from dynident.presentation.tables import ReportedTable
 from dynident.presentation.validation_and_verdict_tables import VALIDATION_WORDS, build_validation_table
@@ -28,7 +29,7 @@ from dynident.verdict import Outcome
 
 
 @dataclass(frozen=True)
-class Validation(Outcome):
+class Validation(Outcome, KnownNames):
     """One test of a model.
 
     Parameters
@@ -50,7 +51,7 @@ class Validation(Outcome):
 
 
 @dataclass(frozen=True, eq=False)
-class Validations(Sequence[Validation]):
+class Validations(Sequence[Validation], KnownNames):
     """Several tests of one model.
 
     Parameters

@@ -12,7 +12,7 @@ from dynident.api.argument_checks import check_arguments, require
 from dynident.api.recording_collection import CheckedRecording, Recordings, RecordingSource
 from dynident.api.recordings_in_memory import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.robot_files import DriveGains, set_drive_gains
-from dynident.errors import DynidentError, Remedy, word_remedies
+from dynident.errors import DynidentError, KnownNames, Remedy, word_remedies
 from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
 from dynident.identification.robot_recording_import import (
     CONTRADICTION,
@@ -42,7 +42,7 @@ class ProposedColumns(TypedDict, total=False):
 
 
 @dataclass(frozen=True, eq=False)
-class InspectedFile:
+class InspectedFile(KnownNames):
     """The probable contents of a file; `read_recordings(path, robot=robot, **found.said)` reads it as proposed.
 
     Parameters

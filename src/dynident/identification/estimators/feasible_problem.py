@@ -212,9 +212,10 @@ class FeasibleProblem:
         # Where no constraint is active, return plain least squares: the semidefinite solver is less exact.
         if constrained.zeros or constrained.edges:
             return constrained
-        start, moving = np.zeros(rows.shape[1]), np.eye(rows.shape[1])
+        start: FloatArray = np.zeros(rows.shape[1])
+        moving: FloatArray = np.eye(rows.shape[1])
         if equations is not None:
-            start = np.linalg.lstsq(equations.factor, equations.right)[0]
+            start = np.asarray(np.linalg.lstsq(equations.factor, equations.right)[0])
             moving = compute_null_space(equations.factor)
         step = np.linalg.lstsq(rows @ moving, right - rows @ start)[0]
         return replace(constrained, values=np.asarray(start + moving @ step))

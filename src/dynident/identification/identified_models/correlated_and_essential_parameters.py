@@ -5,6 +5,7 @@ The algorithms and their thresholds are in estimation/.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -329,14 +330,55 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         unit = deviations[names.index(name)]
         values[row] -= value / unit
         covariance[row, row] += (error / unit) ** 2
-    blocks = int(find_occupied_blocks(equations).sum())
-    if kind != "by_time_and_joints" or blocks < FEWEST_CLUSTERS:
-        return compute_wald_test(values, covariance, float(uncertainty.freedom.min()))
+    return _test_conditions(larger, values, covariance, float(uncertainty.freedom.min()))
+
+
+def compute_test_of_values(identification: Identification, values: Mapping[str, float]) -> WaldTest:
+    """Test whether parameters of a model have given values, all at once.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model; its own estimates and their covariance are tested.
+    values : mapping of str to float
+        Values of base parameters by name.
+
+    Returns
+    -------
+    WaldTest
+        F test of the estimates minus these values; Hotelling's with a covariance over blocks of time.
+
+    Raises
+    ------
+    DynidentError
+        For a parameter that was not estimated, or too few blocks of time.
+    """
+    names, uncertainty = [column.name for column in identification.model.kept], identification.statistics
+    tested = [names.index(name) for name in values]
+    fixed = [names[k] for k in tested if uncertainty.standard_deviations[k] == 0]
+    if fixed:
+        raise DynidentError(
+            f"{', '.join(fixed)} was held or set and not estimated, so there is nothing to test",
+            pointer="values",
+            title="Not estimated",
+        )
+    difference = identification.values[tested] - np.array(list(values.values()), dtype=np.float64)
+    covariance = uncertainty.covariance[np.ix_(tested, tested)]
+    return _test_conditions(identification, difference, covariance, float(uncertainty.freedom[tested].min()))
+
+
+def _test_conditions(
+    identification: Identification, values: FloatArray, covariance: FloatArray, freedom: float
+) -> WaldTest:
+    """Test whether functions of estimates are zero, with the degrees of freedom that their covariance is known with."""
+    blocks = int(find_occupied_blocks(identification.data.equations).sum())
+    if identification.choices.covariance != "by_time_and_joints" or blocks < FEWEST_CLUSTERS:
+        return compute_wald_test(values, covariance, freedom)
     if blocks <= len(values):
         raise DynidentError(
             f"the recordings have {blocks} blocks of time, too few to test {len(values)} conditions at once; record "
             "longer, or compare errors on held-out data",
-            pointer="restricted",
+            pointer="values",
             title="Too little data",
         )
     return compute_wald_test(values, covariance, blocks - 1.0, from_blocks=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, get_role
 from dynident.effects.effect_text_format import format_constant
+from dynident.errors import KnownNames
 from dynident.estimation import (
     Errors,
     Solution,
@@ -45,7 +46,7 @@ _EXACT = 1e-12
 
 
 @dataclass(frozen=True)
-class IdentifiedParameter:
+class IdentifiedParameter(KnownNames):
     """One base parameter with its uncertainty.
 
     Parameters
