@@ -219,7 +219,7 @@ OTHER_ARGUMENTS: Mapping[str, str] = {
     "identify.joints": 'effects name their joints, effects=["rigid_body", "coulomb@elbow"]; a joint that does not move '
     'is locked: dy.load_robot(…, locked_joints={"wrist": 0.0})',
     "read_recordings.mask": "give the seconds to use: windows=[(3.5, 28)]",
-    "plot.ax": "the figure makes its own axes: plot().axes",
+    "plot.ax": "draw on axes of your own by plot().draw(axes)",
     "export.payload": 'a load is an effect, model.extend("payload") from a run with it; C headers take one later',
 }
 """What stands for arguments that people look for by other names, by function."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynident.api.argument_checks import check_arguments
-from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
+from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times, resolve_simulation
 from dynident.api.named_tables import Table
 from dynident.api.parameter_tables import ErrorTable, Parameters, ParameterStatistics
 from dynident.array_types import FloatArray
@@ -201,7 +201,6 @@ class ModelResults(ParameterStatistics):
         --------
         >>> error = model.params["Fc1"] - model.true_params({"Fc1": 3.0})["Fc1"]  # doctest: +SKIP
         """
-        from dynident.api.motion_design import resolve_simulation
         from dynident.simulation import compute_true_parameters
 
         # The motion and the rate of the sensors change no parameter.

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from dynident.advice import AdvisedDiagnosis
-from dynident.api.argument_checks import check_arguments, require
+from dynident.api.argument_checks import check_arguments
 from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
+from dynident.api.motion_arguments import resolve_simulation
 from dynident.api.named_tables import Framed, PlainText, Table
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.api.recording_files import read_recordings
@@ -33,7 +32,7 @@ from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
 
 if TYPE_CHECKING:
-    from dynident.simulation import Simulated, SimulationRequest
+    from dynident.simulation import Simulated
 
 TRAJECTORY_ENDINGS = (".csv", ".parquet", ".yaml")
 _SHOWN_MARGINS = 5
@@ -163,50 +162,6 @@ class DesignedMotion(Framed):
             build_limits_table(self.robot, self.design.margins, _SHOWN_MARGINS).to_html(),
             render_details("notes", render_list(self.design.notes)) if self.design.notes else "",
         )
-
-
-def resolve_simulation(
-    robot: Robot, parameters: Mapping[str, float] | None, request: Simulated | None, design: Design | None
-) -> SimulationRequest:
-    """Return the simulation of a virtual robot with some true parameters.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot, as its description gives it.
-    parameters : mapping of str to float, optional
-        Standard parameters by name; they take precedence over those of the request.
-    request : Simulated, optional
-        Effects, noise and more; the usual ones where left out.
-    design : Design, optional
-        The motion; None where only the parameters are wanted.
-
-    Returns
-    -------
-    SimulationRequest
-        The simulation.
-
-    Raises
-    ------
-    DynidentError
-        For what is no mapping, or a parameter that the robot does not have.
-    """
-    from dynident.simulation import Reference, Simulated, build_simulation_request
-
-    require(
-        parameters is None or isinstance(parameters, Mapping),
-        parameters,
-        "parameters",
-        'give true values by name: {"Fc1": 3.0}',
-    )
-    requested = request or Simulated()
-    require(isinstance(requested, Simulated), request, "request", "give dynident.simulation.Simulated(…)")
-    requested = replace(requested, parameters={**requested.parameters, **(parameters or {})})
-    at_rest = np.zeros((2, robot.n))
-    motion = (np.arange(2.0), at_rest, at_rest, at_rest, 1.0)
-    if design is not None:
-        motion = (design.t, design.q, design.dq, design.ddq, design.sampling_rate)
-    return build_simulation_request(requested, robot, Reference(*motion[:4]), motion[4])
 
 
 @check_arguments
