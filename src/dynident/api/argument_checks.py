@@ -76,6 +76,7 @@ def _holds_recordings(value: object) -> bool:
 
 
 _TEXTS_BY_NAME = "give a dictionary of texts, such as"
+_SIMULATED = Expectation(lambda value: hasattr(value, "feed_forward"), "give dynident.simulation.Simulated(…)")
 EXPECTED: Mapping[str, Expectation] = {
     "robot": Expectation(_is_a(Robot), 'read the robot first: robot = dy.load_robot("arm.urdf")'),
     "design.robot": Expectation(
@@ -128,6 +129,8 @@ EXPECTED: Mapping[str, Expectation] = {
         lambda value: isinstance(value, DesignRequest) or hasattr(value, "next_experiment"),
         'give dy.DesignRequest(…) or a diagnosis; kinds of motions go by name: kind="random"',
     ),
+    "DesignedMotion.simulate.request": _SIMULATED,
+    "ModelResults.true_params.request": _SIMULATED,
     "Campaign.__init__.request": Expectation(_is_a(CampaignRequest), "give dy.CampaignRequest(error=0.03)"),
     "error": Expectation(_is_number, "give a fraction: 0.05 for 5 %"),
     "minutes": Expectation(_is_number, "give a number of minutes"),

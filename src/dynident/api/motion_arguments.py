@@ -273,7 +273,6 @@ def resolve_simulation(
         'give true values by name: {"Fc1": 3.0}',
     )
     requested = request or Simulated()
-    require(isinstance(requested, Simulated), request, "request", "give dynident.simulation.Simulated(…)")
     requested = replace(requested, parameters={**requested.parameters, **(parameters or {})})
     at_rest = np.zeros((2, robot.n))
     motion = (np.arange(2.0), at_rest, at_rest, at_rest, 1.0)
