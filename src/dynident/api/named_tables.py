@@ -89,7 +89,7 @@ class Framed(KnownNames, ABC):
         return _build_frame(self._columns(), library)
 
     @property
-    def loc(self) -> Any:
+    def loc(self) -> pandas.core.indexing._LocIndexer:
         """Rows by their names, as of `to_frame("pandas")`: `model.bse.loc["Fc1"]`; it needs pandas."""
         return self.to_frame("pandas").loc
 
