@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import pickle
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -20,6 +20,7 @@ from dynident.text_encoding import encode_text, replace_control_characters
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
+    from matplotlib.transforms import Transform
 
 _BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
 _GAP, _HEADING = 10.0, 16.0
@@ -91,10 +92,9 @@ class Figure(KnownNames):
         if panel not in range(len(titles)):
             listed = "; ".join(f"{number}: {title}" for number, title in enumerate(titles))
             raise DynidentError(f"there is no panel {panel!r}; the panels are {listed or 'none'}", pointer="panel")
-        source = self.axes[panel]
+        figure, place = [(figure, k) for figure in self.drawn_from for k in range(len(figure.axes))][panel]
         # A copy, whose artists can be taken out of it: an artist belongs to one figure alone.
-        own = source.get_figure().axes.index(source)
-        _move_artists(pickle.loads(pickle.dumps(source.get_figure())).axes[own], axes)
+        _move_artists(pickle.loads(pickle.dumps(figure)).axes[place], axes)
         return axes
 
     def save(self, path: str | Path, *, dpi: float = 200.0) -> None:
@@ -142,19 +142,20 @@ class Figure(KnownNames):
 def _move_artists(source: Axes, target: Axes) -> None:
     """Move all that is drawn on some axes to others, and describe these alike."""
     from matplotlib.artist import Artist
+    from matplotlib.collections import Collection
 
     # What is placed by the data, by the panel, or by one of them in each direction stays so in the other panel.
-    ways = [operator.attrgetter("transData"), operator.attrgetter("transAxes")]
+    ways: list[Callable[[Axes], Transform]] = [operator.attrgetter("transData"), operator.attrgetter("transAxes")]
     ways += [operator.methodcaller(f"get_{axis}axis_transform", which="grid") for axis in "xy"]
     places = [(way(source), way(target)) for way in ways]
     for artist in [*source.lines, *source.patches, *source.collections, *source.images, *source.texts]:
         of_data = Artist.get_transform(artist)
-        offset = artist.get_offset_transform() if hasattr(artist, "get_offset_transform") else None
+        offset = artist.get_offset_transform() if isinstance(artist, Collection) else None
         artist.remove()
         for before, after in places:
             if of_data == before:
                 artist.set_transform(after)
-            if offset == before:
+            if isinstance(artist, Collection) and offset == before:
                 artist.set_offset_transform(after)
         artist.set_clip_path(None)
         target.add_artist(artist)
