@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Integral, Real
 from os import PathLike, fspath
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Union, get_args, get_origin
 
 _LONGEST = 60
 
@@ -118,6 +119,75 @@ def suggest_names(name: str, known: Iterable[str]) -> str:
     # Somebody who types `load` or `cutoff` knows a part of the name.
     near = near or [item for item in names if len(name) > 2 and name in item.split("_")][:3]
     return f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+
+
+ELSEWHERE: Mapping[str, str] = {
+    "cov_params": "covariance",
+    "corr": "correlation",
+    "std_errors": "bse",
+    "coef_": "params",
+    "resid": "residuals()",
+    "fittedvalues": 'dynident.compare(model, recordings).to_frame()["predicted"]',
+    "get_prediction": "predict(q, dq, ddq, interval=0.95)",
+    "inverse_dynamics": "predict(q, dq, ddq)",
+    "rnea": "predict(q, dq, ddq)",
+    "crba": "mass_matrix(q)",
+    "nonLinearEffects": "coriolis(q, dq) @ dq + gravity(q)",
+    "friction_curve": "friction(q, dq), with arrays of velocities",
+    "pvalues": "tvalues, conf_int()",
+    "compare_lr_test": "compare_f_test(smaller)",
+    "f_test": 'wald_test({"Fc1": 0.0})',
+    "t_test": "conf_int(0.99): whether a value is in the interval",
+    "aba": "forward_dynamics(q, dq, tau)",
+    "simulate": "forward_dynamics(q, dq, tau), integrated in steps of fixed size",
+    "bootstrap": "bse: correlated residuals are taken into account",
+    "gravity_torque": "gravity(q)",
+    "aic": "ladder: errors on held-out data",
+    "bic": "ladder: errors on held-out data",
+    "rsquared": "errors",
+    "rmse": "errors",
+    "score": "held_out_moving.relative_total",
+    "nobs": "identification.data",
+    "identifiable": 'parameters.to_frame()["judgement"]',
+    "why": "why_not(effect, joint)",
+    "explain": "why_not(effect, joint)",
+    "values": "to_frame().values",
+    "plot": "to_frame().plot(…)",
+    "rows": "n_samples or to_frame()",
+    "shape": "n_samples or to_frame().shape",
+    "columns": "to_frame().columns",
+    "iloc": "to_frame().iloc",
+    "names": "joint_names or keys()",
+    "ax": "draw(axes)",
+    "show": "draw(axes) or plot()",
+    "recordings": "simulate(parameters)",
+}
+"""Where results have what statsmodels, scikit-learn, pandas and Pinocchio call so."""
+
+
+_NAME = re.compile(r"\w*")
+
+
+def _is_public(name: str) -> bool:
+    return not name.startswith("_")
+
+
+class KnownNames:
+    """Base of results: the error about an attribute that does not exist names the one that was meant."""
+
+    if not TYPE_CHECKING:
+        # Hidden from type checkers: with a __getattr__ they would accept every name.
+
+        def __getattr__(self, name: str) -> object:
+            text = f"{type(self).__name__} has no attribute {name!r}"
+            # Names with an underscore are asked for by programs, which try many.
+            if not name.startswith("_"):
+                known = {*dir(type(self)), *getattr(type(self), "__dataclass_fields__", ())}
+                # Only what this class has, or what a function of ours gives.
+                others = ELSEWHERE.get(name, "").split(" or ")
+                fitting = [other for other in others if _NAME.match(other)[0] in {*known, "dynident"}]
+                text += f"; use {fitting[0]}" if fitting else suggest_names(name, filter(_is_public, known))
+            raise AttributeError(text, name=name, obj=self)
 
 
 class DynidentError(ValueError):

@@ -106,7 +106,7 @@ def show_identification(console: Console, identification: Identification, *, par
         for sentence in parameter_dependence(identification).sentences:
             console.print(f"  {sentence}")
         console.print(
-            f"Condition number of W: {describe_condition_number(identification)}; "
+            f"Scaled condition number of W: {describe_condition_number(identification)}; "
             f"{identification.equations_per_parameter:.0f} equations per parameter"
         )
     if identification.shape_constants:

@@ -193,9 +193,10 @@ class IdentificationOptions(TypedDict, total=False):
     interval: float | None
     """Interval of one equation of the energy model; from the data if left out, in s (1e-06 to 86400)"""
     known: Mapping[str, float]
-    """Single parameters that are known, by name, in SI units: a motor's inertia from its data sheet as Ia3"""
+    """Parameters held at a known value, by their names in the model's table, in SI units: a motor's inertia from its
+    data sheet as Ia3"""
     known_errors: Mapping[str, float]
-    """Standard deviations of known parameters, by name; without one a value is exact (above 0 to 1e+16)"""
+    """Standard deviations of known parameters, by name; without one a value is held exactly (above 0 to 1e+16)"""
     model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
     """Rows of W"""
     name: str | None

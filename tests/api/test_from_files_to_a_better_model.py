@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from support.small_arm_files import write_run
 
 import dynident as dy
@@ -17,6 +19,7 @@ from dynident import diagnosis, identification
 from dynident.advice import advise
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
+from dynident.simulation import Sensors, Simulated
 
 EIGHT_LINES = """
 import dynident as dy
@@ -282,3 +285,50 @@ def test_the_torque_of_a_design_is_that_of_an_identified_model(robot: dy.Robot, 
     plain, known = dy.design(robot, **quick), dy.design(model, **quick)
     assert any("without rotor inertia and friction" in note for note in plain.design.notes)
     assert any("by the identified model" in note for note in known.design.notes)
+
+
+def test_a_designed_motion_is_simulated_with_true_parameters_and_identified(robot: dy.Robot) -> None:
+    motion = dy.design(robot, kind="random", duration=8.0, sampling_rate=100.0)
+    assert motion.condition_number == motion.design.criterion_values.condition_number
+    truth = {"Fc1": 7.0, "Fv2": 5.0, "M2": 4.0}
+    quiet = Simulated(noise=Sensors(torque_noise=1e-4), seed=3)
+    run = motion.simulate(truth, request=quiet, name="virtual")
+    assert run.names == ("virtual",)
+    model = dy.identify(robot, run)
+    true = model.true_params(truth)
+    assert (true["Fc1"], true["Fv2"]) == (7.0, 5.0)
+    assert list(true) == list(model.params)
+    errors = (np.asarray(model.params) - np.asarray(true)) / np.asarray(model.bse)
+    assert float(np.sqrt(np.mean(errors**2))) < 2.0
+    assert model.true_params()["Fc1"] != 7.0
+    for parameters, words in (({"Fc9": 1.0}, "no standard parameter 'Fc9'"), ([3.0], "give true values by name")):
+        with pytest.raises(dy.DynidentError, match=words):
+            motion.simulate(parameters)
+
+
+def test_every_panel_is_drawn_on_axes_of_ones_own(model: dy.Model, runs: dy.Recordings) -> None:
+    axes = Figure().subplots()
+    axes.plot([0.0, 1.0], [2.0, 3.0], label="my own")
+    figure = dy.compare(model, runs[0]).plot("elbow")
+    before = [line.get_xydata().copy() for line in figure.axes[1].lines]
+    assert figure.draw(axes, 1) is axes
+    for line, values in zip(axes.lines[1:], before, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), values)
+        assert line.axes is axes
+    assert axes.get_title(loc="left") == figure.axes[1].get_title(loc="left")
+    assert {"my own", "residual", "95 % band of the model"} <= set(axes.get_legend_handles_labels()[1])
+    # The figure itself is as it was, and each of its panels can be rendered elsewhere, whatever is drawn in it.
+    assert len(figure.axes[1].lines) == len(before)
+    for drawn in (figure, model.plot(), runs[0].plot(), model.extend("offset").plot()):
+        for panel, source in enumerate(drawn.axes):
+            target = Figure()
+            FigureCanvasAgg(target)
+            drawn.draw(target.subplots(), panel)
+            target.canvas.draw()
+            (own,) = target.axes
+            assert own.get_xlim() == source.get_xlim()
+            kinds = ("lines", "patches", "collections", "images", "texts")
+            assert [len(getattr(own, kind)) for kind in kinds] == [len(getattr(source, kind)) for kind in kinds]
+    for slip, words in ((lambda: figure.draw("here"), "give matplotlib's"), (lambda: figure.draw(axes, 9), "0: elbow")):
+        with pytest.raises(dy.DynidentError, match=words):
+            slip()

@@ -11,11 +11,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
+import scipy.stats
 from support.oracles import arm, fourier_motion, pinocchio_torque
 from support.poses_at_rest import poses
 
 import dynident as dy
+from dynident.estimation import build_weighted_factor
+from dynident.estimation.parameter_covariance import find_occupied_blocks
 from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
+from dynident.identification.identified_models.model_files import from_bytes, to_bytes
+from dynident.number_format import format_number
 from dynident.recordings import recording_from_arrays
 from dynident.robot import to_pinocchio
 
@@ -300,6 +305,77 @@ def test_a_model_without_inertia_says_what_to_identify_for_a_simulation(
     standing = dy.identify(given, recording_from_arrays(t, q, tau, joint_names=given.joint_names))
     with pytest.raises(dy.DynidentError, match="poses at rest, which show no inertia; identify from a motion"):
         standing.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6))
+
+
+def test_several_values_are_tested_at_once(model: dy.Model, robot: dy.Robot, runs: dy.Recordings) -> None:
+    estimates = {name: model.params[name] for name in ("Fc1", "Fv1", "Fc2")}
+    assert model.wald_test(estimates).f_value == pytest.approx(0.0, abs=1e-12)
+    one = model.wald_test({"Fc2": 3.3})
+    assert one.f_value == pytest.approx(((model.params["Fc2"] - 3.3) / model.bse["Fc2"]) ** 2)
+    # Hotelling's T² by its formula, with the blocks of time as samples.
+    names, blocks = list(estimates), int(find_occupied_blocks(model.identification.data.equations).sum())
+    shift = 2.0 * np.array([model.bse[name] for name in names])
+    where = [list(model.params).index(name) for name in names]
+    square = shift @ np.linalg.solve(np.asarray(model.covariance)[np.ix_(where, where)], shift)
+    test = model.wald_test({name: estimates[name] + by for name, by in zip(names, shift, strict=True)})
+    assert (test.df_diff, test.df_resid) == (3, blocks - 3)
+    assert test.f_value == pytest.approx(square * (blocks - 3) / (3 * (blocks - 1)))
+    assert test.p_value == pytest.approx(scipy.stats.f.sf(test.f_value, 3, blocks - 3))
+    # The test of a model with these values agrees with it where every row counts as independent.
+    independent = dy.IdentificationChoices(covariance="independent", estimator="wls", weigh_turns=False)
+    plain = dy.identify(robot, runs[:1], choices=independent, filters=model.filters)
+    values = {"Fc1": 2.9, "Fv1": 1.9}
+    fixed = dy.identify(robot, runs[:1], choices=replace(independent, known=values), filters=model.filters)
+    assert plain.wald_test(values).f_value == pytest.approx(plain.compare_f_test(fixed).f_value, rel=1e-6)
+    for values, words in (
+        ({"Fc9": 1.0}, "no parameter 'Fc9'"),
+        (dict.fromkeys(model.params, 0.0), "too few to test"),
+        ([1.0], "give values by the names"),
+    ):
+        with pytest.raises(dy.DynidentError, match=words):
+            model.wald_test(values)
+    with pytest.raises(dy.DynidentError, match="Fc1, Fv1 was held"):
+        fixed.wald_test({"Fc1": 1.0, "Fv1": 2.0})
+
+
+def test_a_covariance_of_few_blocks_is_said_to_be_singular(
+    model: dy.Model, robot: dy.Robot, runs: dy.Recordings, desk: Path
+) -> None:
+    matrix = np.asarray(model.covariance)
+    scale = np.sqrt(np.diag(matrix))
+    rank = np.linalg.matrix_rank(matrix / np.outer(scale, scale), tol=1e-9, hermitian=True)
+    assert (f"of rank {rank} of {len(matrix)}" in model.covariance.title) == (rank < len(matrix))
+    short = dy.identify(robot, dy.read_recordings(desk / "run1.csv", robot=robot, windows=[(0.0, 5.0)]))
+    assert "singular: of rank" in repr(short.covariance)
+    full = dy.identify(robot, runs[:1], choices=dy.IdentificationChoices(covariance="by_joint"))
+    assert "singular" not in full.covariance.title
+
+
+def test_a_held_parameter_is_told_as_held(robot: dy.Robot, runs: dy.Recordings) -> None:
+    held = dy.identify(robot, runs[:1], choices=dy.IdentificationChoices(known={"Fc2": 3.0, "Fv3": 0.0}))
+    assert (held.params["Fc2"], held.params["Fv3"]) == (3.0, 0.0)
+    assert held.bse["Fc2"] == held.bse["Fv3"] == 0.0
+    assert held.conf_int()["Fv3"].tolist() == [0.0, 0.0]
+    assert ", 2 held" in held.summary()
+    assert not any("uncertain" in warning and "Fv3" in warning for warning in held.warnings)
+    assert {held.parameters[name].judgement for name in ("Fc2", "Fv3")} == {"held"}
+    again = dy.Model(from_bytes(to_bytes(held.identification)))
+    assert again.parameters["Fv3"].judgement == "held"
+    better = held.extend("offset@shoulder")
+    assert (better.params["Fc2"], better.params["Fv3"]) == (3.0, 0.0)
+
+
+def test_summaries_are_printed_and_called_alike(model: dy.Model, found: dy.DiagnosedModel) -> None:
+    assert model.summary() == model.summary == str(model.summary)
+    assert found.summary() == found.summary == found.diagnosis.summary
+
+
+def test_condition_numbers_have_two_names(model: dy.Model) -> None:
+    rows = build_weighted_factor(model.identification.data.equations.equally_weighted, np.ones(model.robot.n))[:-1, :-1]
+    assert model.condition_number == pytest.approx(np.linalg.cond(rows))
+    text = model.summary()
+    assert f"condition number of W     {format_number(model.condition_number)} (SI units" in text
+    assert f"scaled condition number   {format_number(model.scaled_condition_number)} (columns of equal size" in text
 
 
 def test_a_robust_model_is_tested_with_the_weights_of_its_rows(robot: dy.Robot, desk: Path) -> None:

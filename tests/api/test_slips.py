@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import random
+import re
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -15,7 +16,10 @@ import pytest
 import dynident as dy
 from dynident.api.argument_checks import EXPECTED
 from dynident.effects import Column, Effect, EffectChoice, ParameterSpec, Signals
+from dynident.errors import ELSEWHERE, KnownNames
 from dynident.excitation import CriterionChoice, TrajectoryRequest
+from dynident.recordings import Recording
+from dynident.schema.fields import Request
 
 Q = np.zeros(4)
 
@@ -93,7 +97,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
         lambda d: dy.identify(d["robot"], d["runs"], fixed={"Ia3": 0.2}),  # type: ignore[call-arg]
         r"choices=dy\.IdentificationChoices\(known=",
     ),
-    "axes to draw in": (lambda d: d["model"].plot(ax=None), r"plot\(\)\.axes"),
+    "axes to draw in": (lambda d: d["model"].plot(ax=None), r"plot\(\)\.draw\(axes\)"),
     "a format of a table": (lambda d: d["model"].parameters.to_frame(librari="pandas"), "did you mean .library"),
     "no states": (lambda d: d["model"].predict(*np.zeros((3, 0, 4))), "q is empty; give one state or more"),
     "no postures": (lambda d: d["model"].mass_matrix(np.zeros((0, 4))), "q is empty"),
@@ -277,13 +281,37 @@ def test_python_itself_says_which_argument_is_missing(desk_of_slips: Desk) -> No
         (lambda model: model.cov_params, "use covariance"),
         (lambda model: model.paramters, "did you mean 'parameters'"),
         (lambda model: model.identificaton, "did you mean 'identification'"),
-        (lambda model: model.params.loc, r"to_frame\(\)\.loc"),
+        (lambda model: model.params.iloc, r"to_frame\(\)\.iloc"),
+        (lambda model: model.fittedvalues, r'compare\(model, recordings\)\.to_frame\(\)\["predicted"\]'),
+        (lambda model: model.f_test, r"use wald_test\(\{"),
+        (lambda model: model.recordings[0].recording.rows, "Recording has no attribute 'rows'; use n_samples"),
+        (lambda model: model.recordings[0].shape, r"use to_frame\(\)\.shape"),
+        (lambda model: model.plot().ax, r"Figure has no attribute 'ax'; use draw\(axes\)"),
+        (lambda model: model.robot.joint_name, "Robot has no attribute 'joint_name'; did you mean 'joint_names'"),
+        (lambda model: model.robot.names, "Robot has no attribute 'names'; use joint_names"),
+        (lambda model: model.fit.relativ, "Errors has no attribute 'relativ'; did you mean 'relative'"),
+        (
+            lambda model: model.parameters[0].values,
+            "IdentifiedParameter has no attribute 'values'; did you mean 'value'",
+        ),
         (lambda model: model.residuals().plot, r"to_frame\(\)\.plot"),
     ],
 )
 def test_a_name_of_other_packages_leads_to_ours(find: Callable[[Any], object], words: str, model: dy.Model) -> None:
     with pytest.raises(AttributeError, match=words):
         find(model)
+
+
+def test_every_public_result_names_the_attribute_that_was_meant() -> None:
+    results = [getattr(dy, name) for name in dy.__all__]
+    results = [item for item in results if isinstance(item, type) and not issubclass(item, (Exception, Request))]
+    assert len(results) > 15
+    # What a user writes down himself, such as limits, names its fields when it is made.
+    stated = {dy.Box, dy.Wall, dy.Drive, dy.Limits, dy.EffectChoice, dy.Filters}
+    assert [item.__name__ for item in results if not issubclass(item, KnownNames) and item not in stated] == []
+    for name, others in ELSEWHERE.items():
+        targets = [re.match(r"(dynident\.)?(\w+)", other)[2] for other in others.split(" or ")]
+        assert all(any(hasattr(item, target) for item in (*results, Recording, dy)) for target in targets), name
 
 
 def test_a_name_leads_to_nothing_that_the_class_lacks(runs: dy.Recordings) -> None:

@@ -87,11 +87,54 @@ def test_a_comparison_is_a_row_a_joint_and_time(compared: dy.Comparisons) -> Non
     assert len(frame) == below.measured.size
     elbow = frame[frame.joint == "elbow"]
     k = below.joint_names.index("elbow")
-    for name in ("measured", "predicted", "residual", "lower", "upper"):
+    for name in ("measured", "predicted", "residual", "raw_residual"):
         np.testing.assert_array_equal(elbow[name], getattr(below, name)[:, k])
+    np.testing.assert_array_equal(elbow.raw_residual, elbow.measured - elbow.predicted)
+    # The interval is the one of the plot: half of it is 1.96 deviations of parameters and noise.
+    np.testing.assert_allclose(elbow.interval_upper - elbow.predicted, below.band[:, k])
+    np.testing.assert_allclose(elbow.predicted - elbow.interval_lower, below.band[:, k])
+    inside = elbow.measured.between(elbow.interval_lower, elbow.interval_upper)
+    assert 0.85 < inside[elbow.phase == "moving"].mean() < 1.0
+    assert not {"lower", "upper"} & set(frame)
     np.testing.assert_array_equal(elbow.t, below.t)
     np.testing.assert_array_equal(elbow.phase == "moving", below.moving[:, k])
     assert dict(zip(frame.joint, frame.unit, strict=True)) == dict(zip(below.joint_names, below.units, strict=True))
+
+
+def test_at_standstill_the_residual_is_the_distance_to_static_friction(
+    model: dy.Model, robot: dy.Robot, desk: Path
+) -> None:
+    file = pandas.read_csv(desk / "run1.csv")
+    # The elbow halts for six seconds, and its torque jumps meanwhile by less and by more than its friction.
+    halt, after = (file.t > 6.0) & (file.t < 12.0), file.t >= 12.0
+    file.loc[after, "q2"] += file.q2[halt].iloc[0] - file.q2[after].iloc[0]
+    file.loc[halt, "q2"] = file.q2[halt].iloc[0]
+    file.loc[halt, "tau2"] = file.tau2[halt].iloc[0] + np.where(file.t[halt] > 9.0, 40.0, 0.0)
+    halted = dy.read_recordings(file, robot=robot)
+    frame = dy.compare(model, halted).to_frame()
+    elbow = frame[frame.joint == "elbow"]
+    stands = (elbow.phase == "standing").to_numpy()
+    assert stands.sum() > 50
+    beyond = elbow.measured - elbow.measured.clip(elbow.friction_lower, elbow.friction_upper)
+    np.testing.assert_allclose(elbow.residual[stands], beyond[stands])
+    assert (elbow.residual == elbow.raw_residual)[~stands & (elbow.phase != "no_torque")].all()
+    assert (elbow.residual != elbow.raw_residual)[stands].all()
+    np.testing.assert_array_equal(model.residuals(halted)["elbow"], elbow.residual)
+    raw = model.residuals(halted, raw=True)
+    np.testing.assert_array_equal(raw["elbow"], elbow.measured - elbow.predicted)
+    assert "standstill" in model.residuals(halted).title
+    assert "standstill" not in raw.title
+
+
+def test_rows_go_by_their_names_as_in_pandas(model: dy.Model) -> None:
+    assert model.bse.loc["Fc2", "standard_deviation"] == model.bse["Fc2"]
+    assert model.conf_int().loc["Fc2"].tolist() == model.conf_int()["Fc2"].tolist()
+    assert model.covariance.loc["Fc1", "Fv1"] == model.covariance["Fc1", "Fv1"]
+    assert model.parameters.names == tuple(model.params.keys())
+
+
+def test_a_recording_has_a_length(runs: dy.Recordings) -> None:
+    assert len(runs["run1"]) == len(runs["run1"].recording) == len(runs["run1"].to_frame()) == 2000
 
 
 def test_comparisons_stand_below_each_other(compared: dy.Comparisons) -> None:

@@ -75,7 +75,7 @@ def test_compare_tells_errors_with_and_without_the_band_and_writes_it(folder: Pa
     assert f"on all rows is {raw}." in shown
     signals, joint = pacsv.read_csv(folder / "signals.csv"), ROBOT.joint_names[0]
     measured, lower, upper, residual = (
-        signals[f"{name}_{joint}"].to_numpy() for name in ("measured", "lower", "upper", "residual")
+        signals[f"{name}_{joint}"].to_numpy() for name in ("measured", "friction_lower", "friction_upper", "residual")
     )
     phase = np.array(signals[f"phase_{joint}"].to_pylist())
     assert set(phase) == {"moving", "reversing", "standing"}

@@ -107,7 +107,7 @@ def test_windows_of_a_file_beside_belong_to_another_call_and_those_of_none_are_r
 def test_the_condition_number_and_the_equations_per_parameter_are_told(desk: Path) -> None:
     document = dynident("identify", desk / "arm.json", desk / "run1.csv", "--json").document
     shown = dynident("identify", desk / "arm.json", desk / "run1.csv").out
-    assert f"Condition number of W: {format_number(document['equilibrated_condition_number'])} (" in shown
+    assert f"Scaled condition number of W: {format_number(document['equilibrated_condition_number'])} (" in shown
     assert f"{document['equations_per_parameter']:.0f} equations per parameter" in shown
 
 

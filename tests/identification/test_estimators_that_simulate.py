@@ -201,3 +201,16 @@ def test_a_command_with_holes_is_left_out_with_a_warning():
     holes = record(SMALL.robot, replace(SMALL.motion, q=rows.q), rows.tau, command=command)
     found = identify(SMALL.robot, [holes], [], choices("iv"))
     assert any("not all of them are numbers" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("estimator", ["iv", "didim", "wls"])
+def test_a_known_value_is_held_whatever_is_simulated(estimator: str):
+    recording, names = SMALL.recorded(encoder=1e-5, noise=0.05), [column.name for column in SMALL.model.kept]
+    known = {name: float(SMALL.truth[names.index(name)]) for name in ("Fc1", "Fv2", "b2")}
+    fixed = identify(SMALL.robot, [recording], choices=choices(estimator, known=known))
+    held = [names.index(name) for name in known]
+    assert dict(zip(known, fixed.values[held], strict=True)) == known
+    assert not fixed.statistics.covariance[held].any()
+    free = [k for k in range(len(names)) if k not in held]
+    errors = np.abs(fixed.values - SMALL.truth)[free] / fixed.statistics.standard_deviations[free]
+    assert errors.max() < 6.0

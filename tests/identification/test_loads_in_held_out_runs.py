@@ -44,6 +44,10 @@ def advice(found: Identification) -> list[str]:
 def test_a_load_that_a_held_out_run_carries_too_is_found_there_and_said_so():
     plain, found = added([run("new", 3, 1.0)])
     assert found.choices.effects[-1].runs == ("carrying", "new")
+    # A gain that is off scales the load as it scales the torque, whatever the standard deviation says.
+    (gains,) = [warning for warning in found.warnings if "drive gains" in warning]
+    assert "Mp" in gains
+    assert not any("drive gains" in warning for warning in plain.warnings)
     assert found.held_out.relative_total < 0.6 * plain.held_out.relative_total
     (said,) = advice(found)
     assert "also appears in held-out runs and is assumed there: new" in said

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.linalg import lstsq, null_space
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
@@ -14,6 +15,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_weighted_factor, solve
 from dynident.identification import Identification, IdentificationChoices, identify, reidentify, remove
 from dynident.identification.description_prior import NormalPrior, build_normal_prior, build_prior, split_prior
+from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import build_model
@@ -243,18 +245,34 @@ def test_a_prior_needs_the_global_strategy():
 
 def test_a_known_parameter_moves_its_column_to_the_known_side():
     robot, recording = arm("ur10"), run(amplitude=1.2)
-    choices = replace(CHOICES, prior=None, known={"Ia3": 0.25, "Fc1": 1.4})
+    known = {"Ia3": 0.25, "Fc1": 1.4, "XY6": 0.0, "YZ6": 1e-5, "ZZ1": 7.0}
+    choices = replace(CHOICES, prior=None, known=known, estimator="wls", covariance="independent")
     fixed = identify(robot, [recording], choices=choices)
     names = [column.name for column in fixed.model.kept]
-    held = [names.index(name) for name in choices.known]
-    np.testing.assert_allclose(fixed.values[held], [0.25, 1.4], rtol=1e-6)
-    assert np.all(fixed.statistics.standard_deviations[held] < 1e-5)
-    # Dense algebra: the known columns times their values are subtracted from the torque.
-    rows = build_weighted_factor(fixed.data.equations, fixed.estimate.solution.noise)
-    w, y, others = rows[:, :-1], rows[:, -1], [k for k in range(len(names)) if k not in held]
-    expected = np.linalg.lstsq(w[:, others], y - w[:, held] @ [0.25, 1.4])[0]
-    np.testing.assert_allclose(fixed.values[others], expected, rtol=1e-4, atol=1e-5)
-    assert from_bytes(to_bytes(fixed)).choices == fixed.choices
+    held, others = [names.index(name) for name in known], [k for k, name in enumerate(names) if name not in known]
+    assert {name: fixed.values[k] for name, k in zip(known, held, strict=True)} == known
+    # Least squares under equations, by SciPy: the free parameters are the null space of the constraints.
+    equations = fixed.data.equations
+    rows = build_weighted_factor(equations, fixed.estimate.solution.noise)
+    w, y, start = rows[:, :-1], rows[:, -1], np.zeros(len(names))
+    start[held] = list(known.values())
+    moving = null_space(np.eye(len(names))[held])
+    expected = start + moving @ lstsq(w @ moving, y - w @ start)[0]
+    np.testing.assert_allclose(fixed.values, expected, rtol=1e-8, atol=1e-9)
+    # [12.8] of the free parameters alone; a held one has no variance and no covariance.
+    variance = (fixed.statistics.noise / fixed.estimate.solution.noise) ** 2
+    np.testing.assert_allclose(variance, variance[0], rtol=1e-3)
+    covariance = variance[0] * moving @ np.linalg.inv(moving.T @ w.T @ w @ moving) @ moving.T
+    np.testing.assert_allclose(fixed.statistics.covariance, covariance, rtol=0.01, atol=1e-3 * covariance.max())
+    assert not fixed.statistics.covariance[held].any()
+    assert [p.judgement for p in fixed.parameters if p.name in known] == ["held"] * len(known)
+    assert all(p.interval == (p.value, p.value) for p in fixed.parameters if p.name in known)
+    assert max(p.times_smallest for p in fixed.parameters) < 1e6
+    again = from_bytes(to_bytes(fixed))
+    assert again.choices == fixed.choices
+    assert [p.judgement for p in again.parameters] == [p.judgement for p in fixed.parameters]
+    assert "held" not in {identify(robot, [recording], choices=replace(choices, known={})).parameters[0].judgement}
+    assert others
 
 
 def test_friction_that_would_drive_the_motion_is_no_known_value():
@@ -284,19 +302,57 @@ def test_a_value_with_an_error_is_weighed_against_the_data(estimator: str):
     assert abs(vague - estimate) < deviation
 
 
-def test_a_known_inertia_of_a_motor_is_kept_in_what_the_motion_does_not_tell():
+@pytest.mark.parametrize("estimator", ["auto", "ols", "wls", "irls", "feasible", "ekf"])
+@pytest.mark.parametrize("prior", [None, "description"])
+def test_every_estimator_holds_a_known_value(estimator: str, prior: str | None):
+    known = {"ZZ1": 7.6, "XY6": 0.0, "Fc2": 1.6}
+    choices = replace(CHOICES, prior=prior, estimator=estimator, known=known)
+    fixed = identify(arm("ur10"), [run()], choices=choices)
+    of_name = {parameter.name: parameter for parameter in fixed.parameters}
+    assert {name: of_name[name].value for name in known} == known
+    assert {of_name[name].standard_deviation for name in known} == {0.0}
+    assert {of_name[name].judgement for name in known} == {"held"}
+    deviations = [p.standard_deviation for name, p in of_name.items() if name not in known]
+    assert np.isfinite(deviations).all()
+    assert min(deviations) > 0
+    # 1.5 N m of true friction is near the value held: the others stay where they were.
+    free = identify(arm("ur10"), [run()], choices=replace(choices, known={}))
+    moved = of_name["Fc3"].value - free.values[[column.name for column in free.model.kept].index("Fc3")]
+    assert abs(moved) < 0.2
+
+
+def test_values_of_everything_leave_nothing_to_estimate():
+    names = [column.name for column in build_model(arm("ur10"), LINKS).kept]
+    choices = replace(CHOICES, effects=LINKS, prior=None, known=dict.fromkeys(names, 0.5))
+    assert set(identify(arm("ur10"), [run()], choices=choices).values) == {0.5}
+
+
+def test_a_held_parameter_needs_no_motion_and_is_no_candidate_of_the_elimination():
+    still, robot = run(still=(5,)), arm("ur10")
+    with pytest.raises(EstimationError, match="not identifiable"):
+        identify(robot, [still], choices=replace(CHOICES, prior=None))
+    lost = [c.name for c in build_model(robot, EFFECTS).kept if c.name[-1] == "6"]
+    known = dict.fromkeys(lost, 0.0)
+    fixed = identify(robot, [still], choices=replace(CHOICES, prior=None, known=known))
+    assert {parameter.name for parameter in fixed.parameters if parameter.judgement == "held"} == set(known)
+    path = essential_parameters(fixed)
+    assert path.steps
+    assert not {step.name for step in path.steps} & set(known)
+    # A value that is held, and is not zero, is still held in the smaller model.
+    fixed = identify(robot, [run()], choices=replace(CHOICES, prior=None, known={"YZ5": 0.4}))
+    path = essential_parameters(fixed)
+    assert next(p for p in path.identification.parameters if p.name == "YZ5").value == 0.4
+
+
+def test_a_standard_parameter_that_is_grouped_is_refused_with_its_sums():
     robot, recording = arm("ur10"), run(amplitude=1.2)
-    choices = replace(CHOICES, prior=None, estimator="feasible", known={"Ia1": 0.33})
-    found = identify(robot, [recording], choices=choices)
-    rotor = [column.name for column in found.model.columns].index("Ia1")
-    assert found.estimate.standard.values[rotor] == pytest.approx(0.33, rel=1e-3)
-    warning = next(warning for warning in found.warnings if "change no parameter: Ia1 (in ZZ1" in warning)
-    assert "where bodies with them can exist" in warning
+    with pytest.raises(
+        DynidentError, match=r"Ia1 is not a parameter by itself: .* only in ZZ1 = ZZ1 \+ .*Ia1"
+    ) as raised:
+        identify(robot, [recording], choices=replace(CHOICES, prior=None, known={"Ia1": 0.33}))
+    assert raised.value.pointer == "/known"
     # A product of inertia and a first moment may be negative.
     identify(robot, [recording], choices=replace(CHOICES, prior=None, known={"XY3": -0.01, "MX3": -0.1}))
-    # Together with the drawing of the link the sum is known.
-    together = identify(robot, [recording], choices=replace(choices, prior="description", estimator="wls"))
-    assert not any("change no parameter" in warning for warning in together.warnings)
 
 
 def test_a_known_value_that_the_data_contradict_is_said_to_be_so():
@@ -333,8 +389,8 @@ def test_choices_are_alike_in_whatever_order_values_are_known():
     [
         ({"known": {"Fc9": 1.0}}, "/known", "no parameter 'Fc9'"),
         ({"known": {"Fc1": 1.0}, "strategy": "sequential"}, "/known", "global"),
-        ({"known": {"M2": -3.0}}, "/known", "known M2 is -3, but no mass"),
-        ({"known": {"YY5": -0.01}}, "/known", "known YY5 is -0.01, but no mass"),
+        ({"known": {"M2": 3.0}}, "/known", "M2 is not a parameter by itself"),
+        ({"known": {"M1": 3.0}}, "/known", "M1 is not a parameter by itself: no motion shows it"),
         ({"known": {"Ia3": -0.2}}, "/known", "known Ia3 is -0.2, but no mass"),
         ({"known_errors": {"Fc1": 1.0}}, "/known_errors", "no value of it"),
         ({"known": {"Fc1": 1.0}, "known_errors": {"Fc1": 0.0}}, "/known_errors/Fc1", "above 0"),

@@ -73,6 +73,21 @@ def test_parameters_come_with_intervals_and_the_prior_with_narrower_ones(bench: 
         assert other["standard_deviation"] <= 1.5 * one["standard_deviation"] + 1e-9
 
 
+def test_a_known_parameter_is_held_as_the_table_lists_it(bench: Bench) -> None:
+    known = {"ZZ1": 1.25, "Fv1": 0.0}
+    found = {one["name"]: one for one in bench.identified(known=known).result["parameters"]}
+    for name, value in known.items():
+        assert (found[name]["value"], found[name]["standard_deviation"], found[name]["judgement"]) == (value, 0, "held")
+    assert {one["judgement"] for name, one in found.items() if name not in known} <= {
+        "determined",
+        "uncertain",
+        "zero_in_interval",
+    }
+    with pytest.raises((ProblemError, JobFailed)) as failed:
+        bench.identified(known={"Ia1": 0.1})
+    assert "Ia1 is not a parameter by itself: the motion shows it only in ZZ1" in str(failed.value)
+
+
 def test_bodies_of_the_description_can_be_believed_the_same_in_every_frame(bench: Bench) -> None:
     found = bench.identified(estimator="feasible", prior="description_entropic")
     assert found.result["validation"]["relative_total"] < 0.3

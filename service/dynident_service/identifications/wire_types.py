@@ -31,7 +31,7 @@ from dynident_service.shared.wire_types import (
     WithTables,
 )
 
-JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
+JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval", "held"]
 SHAPE_JUDGEMENTS = Literal[
     "determined", "uncertain", "not_determined", "at_edge", "elsewhere", "chosen", "not_looked_at"
 ]

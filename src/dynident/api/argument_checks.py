@@ -10,10 +10,10 @@ from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from dynident.advice.campaign_request import CampaignRequest
-from dynident.errors import DynidentError, check_names, describe_value, suggest_names
+from dynident.errors import DynidentError, KnownNames, check_names, describe_value
 from dynident.excitation import DesignRequest
 from dynident.identification import IdentificationChoices
 from dynident.identification.methods.base_classes import Estimator
@@ -77,6 +77,7 @@ def _holds_recordings(value: object) -> bool:
 
 
 _TEXTS_BY_NAME = "give a dictionary of texts, such as"
+_SIMULATED = Expectation(lambda value: hasattr(value, "feed_forward"), "give dynident.simulation.Simulated(…)")
 EXPECTED: Mapping[str, Expectation] = {
     "robot": Expectation(_is_a(Robot), 'read the robot first: robot = dy.load_robot("arm.urdf")'),
     "design.robot": Expectation(
@@ -129,6 +130,8 @@ EXPECTED: Mapping[str, Expectation] = {
         lambda value: isinstance(value, DesignRequest) or hasattr(value, "next_experiment"),
         'give dy.DesignRequest(…) or a diagnosis; kinds of motions go by name: kind="random"',
     ),
+    "DesignedMotion.simulate.request": _SIMULATED,
+    "ModelResults.true_params.request": _SIMULATED,
     "Campaign.__init__.request": Expectation(_is_a(CampaignRequest), "give dy.CampaignRequest(error=0.03)"),
     "error": Expectation(_is_number, "give a fraction: 0.05 for 5 %"),
     "minutes": Expectation(_is_number, "give a number of minutes"),
@@ -220,76 +223,21 @@ OTHER_ARGUMENTS: Mapping[str, str] = {
     "identify.joints": 'effects name their joints, effects=["rigid_body", "coulomb@elbow"]; a joint that does not move '
     'is locked: dy.load_robot(…, locked_joints={"wrist": 0.0})',
     "read_recordings.mask": "give the seconds to use: windows=[(3.5, 28)]",
-    "plot.ax": "the figure makes its own axes: plot().axes",
+    "plot.ax": "draw on axes of your own by plot().draw(axes)",
     "export.payload": 'a load is an effect, model.extend("payload") from a run with it; C headers take one later',
 }
 """What stands for arguments that people look for by other names, by function."""
-ELSEWHERE: Mapping[str, str] = {
-    "cov_params": "covariance",
-    "corr": "correlation",
-    "std_errors": "bse",
-    "coef_": "params",
-    "resid": "residuals()",
-    "fittedvalues": "dynident.compare(model)",
-    "get_prediction": "predict(q, dq, ddq, interval=0.95)",
-    "inverse_dynamics": "predict(q, dq, ddq)",
-    "rnea": "predict(q, dq, ddq)",
-    "crba": "mass_matrix(q)",
-    "nonLinearEffects": "coriolis(q, dq) @ dq + gravity(q)",
-    "friction_curve": "friction(q, dq), with arrays of velocities",
-    "pvalues": "tvalues, conf_int()",
-    "compare_lr_test": "compare_f_test(smaller)",
-    "wald_test": "compare_f_test(smaller)",
-    "f_test": "compare_f_test(smaller)",
-    "t_test": "conf_int(0.99): whether a value is in the interval",
-    "aba": "forward_dynamics(q, dq, tau)",
-    "simulate": "forward_dynamics(q, dq, tau), integrated in steps of fixed size",
-    "bootstrap": "bse: correlated residuals are taken into account",
-    "gravity_torque": "gravity(q)",
-    "aic": "ladder: errors on held-out data",
-    "bic": "ladder: errors on held-out data",
-    "rsquared": "errors",
-    "rmse": "errors",
-    "score": "held_out_moving.relative_total",
-    "nobs": "identification.data",
-    "condition_number": "identification.condition_number",
-    "identifiable": 'parameters.to_frame()["judgement"]',
-    "why": "why_not(effect, joint)",
-    "explain": "why_not(effect, joint)",
-    "loc": 'to_frame().loc, or table["row", "column"]',
-    "values": "to_frame().values",
-    "plot": "to_frame().plot(…)",
-}
-"""Where results have what statsmodels, scikit-learn, pandas and Pinocchio call so."""
 
 
-def _is_public(name: str) -> bool:
-    return not name.startswith("_")
-
-
-class KnownNames:
-    """Base of results: errors about attributes and arguments that do not exist name those that were meant."""
+class CheckedResult(KnownNames):
+    """Base of this package's results: their public methods check their arguments."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make the public methods of a result check their arguments."""
         super().__init_subclass__(**options)
         for name, member in list(vars(cls).items()):
-            if isinstance(member, FunctionType) and _is_public(name):
+            if isinstance(member, FunctionType) and not name.startswith("_"):
                 setattr(cls, name, check_arguments(member))
-
-    if not TYPE_CHECKING:
-        # Hidden from type checkers: with a __getattr__ they would accept every name.
-
-        def __getattr__(self, name: str) -> object:
-            text = f"{type(self).__name__} has no attribute {name!r}"
-            # Names with an underscore are asked for by programs, which try many.
-            if not name.startswith("_"):
-                known = {*dir(type(self)), *getattr(type(self), "__dataclass_fields__", ())}
-                other = ELSEWHERE.get(name, "")
-                # Only what this class has, or what a function of ours gives.
-                fits = any(other.startswith(start) for start in known) or other.startswith("dynident.")
-                text += f"; use {other}" if other and fits else suggest_names(name, filter(_is_public, known))
-            raise AttributeError(text, name=name, obj=self)
 
 
 def require(holds: bool, value: object, name: str, remedy: str) -> None:

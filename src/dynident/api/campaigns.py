@@ -76,7 +76,6 @@ class Campaign(Framed):
     'next_run'
     """
 
-    @check_arguments
     def __init__(
         self,
         robot: Robot,

@@ -15,7 +15,7 @@ from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import check_not_empty
 from dynident.api.model_identification import as_model
-from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.named_tables import Framed, PlainText, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import Change, Diagnosis, DiagnosisChoices, diagnose
 from dynident.errors import DynidentError
@@ -56,9 +56,9 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
     series: Series
 
     @property
-    def summary(self) -> str:
+    def summary(self) -> PlainText:
         """What has changed, in a few sentences."""
-        return self.series.summary
+        return PlainText(self.series.summary)
 
     @property
     def items(self) -> tuple[SeriesChange, ...]:
@@ -274,9 +274,9 @@ class Changes(Sequence[Change], Framed):
     diagnosis: Diagnosis
 
     @property
-    def summary(self) -> str:
+    def summary(self) -> PlainText:
         """What has changed, in a few sentences."""
-        return self.diagnosis.summary
+        return PlainText(self.diagnosis.summary)
 
     @property
     def items(self) -> tuple[Change, ...]:

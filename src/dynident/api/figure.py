@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import operator
+import pickle
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dynident.api.argument_checks import CheckedResult, require
 from dynident.errors import DynidentError
 from dynident.file_output import check_ending, write_atomically
 from dynident.optional_dependencies import format_install_hint
@@ -17,6 +20,7 @@ from dynident.text_encoding import encode_text, replace_control_characters
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
+    from matplotlib.transforms import Transform
 
 _BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
 _GAP, _HEADING = 10.0, 16.0
@@ -26,7 +30,7 @@ _ENDINGS = (".svg", ".png", ".pdf")
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class Figure(CheckedResult):
     """One drawing, which a notebook shows and `save` writes to a file.
 
     Parameters
@@ -56,6 +60,41 @@ class Figure:
         Changes do not show in `svg` and `save`.
         """
         return [axes for figure in self.drawn_from for axes in figure.axes]
+
+    def draw(self, axes: Axes, panel: int = 0) -> Axes:
+        """Draw one panel on matplotlib axes of one's own, with its title, labels, limits and colours.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes
+            Where to draw; what is there stays.
+        panel : int
+            Number of the panel, in the order of `axes`.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The same axes; `axes.legend()` shows what the lines are.
+
+        Raises
+        ------
+        DynidentError
+            For what are no axes, or a panel that there is not.
+
+        Examples
+        --------
+        >>> figure, axes = plt.subplots()  # doctest: +SKIP
+        >>> dy.compare(model, runs).plot("elbow").draw(axes, panel=1)  # the residual  # doctest: +SKIP
+        """
+        require(hasattr(axes, "transData"), axes, "axes", "give matplotlib's: figure, axes = plt.subplots()")
+        titles = [item.get_title(loc="left") for item in self.axes]
+        if panel not in range(len(titles)):
+            listed = "; ".join(f"{number}: {title}" for number, title in enumerate(titles))
+            raise DynidentError(f"there is no panel {panel!r}; the panels are {listed or 'none'}", pointer="panel")
+        figure, place = [(figure, k) for figure in self.drawn_from for k in range(len(figure.axes))][panel]
+        # A copy, whose artists can be taken out of it: an artist belongs to one figure alone.
+        _move_artists(pickle.loads(pickle.dumps(figure)).axes[place], axes)
+        return axes
 
     def save(self, path: str | Path, *, dpi: float = 200.0) -> None:
         """Write the drawing to a file.
@@ -97,6 +136,35 @@ class Figure:
     def _repr_html_(self) -> str:
         # The ground is white whatever the notebook's theme, since the colours are chosen for paper.
         return f'<div style="background:#fff;max-width:1060px">{self.svg}</div>'
+
+
+def _move_artists(source: Axes, target: Axes) -> None:
+    """Move all that is drawn on some axes to others, and describe these alike."""
+    from matplotlib.artist import Artist
+    from matplotlib.collections import Collection
+
+    # What is placed by the data, by the panel, or by one of them in each direction stays so in the other panel.
+    ways: list[Callable[[Axes], Transform]] = [operator.attrgetter("transData"), operator.attrgetter("transAxes")]
+    ways += [operator.methodcaller(f"get_{axis}axis_transform", which="grid") for axis in "xy"]
+    places = [(way(source), way(target)) for way in ways]
+    for artist in [*source.lines, *source.patches, *source.collections, *source.images, *source.texts]:
+        of_data = Artist.get_transform(artist)
+        offset = artist.get_offset_transform() if isinstance(artist, Collection) else None
+        artist.remove()
+        for before, after in places:
+            if of_data == before:
+                artist.set_transform(after)
+            if isinstance(artist, Collection) and offset == before:
+                artist.set_offset_transform(after)
+        artist.set_clip_path(None)
+        target.add_artist(artist)
+    target.set_title(source.get_title(loc="left"), loc="left")
+    for axis in "xy":
+        for name in ("scale", "label", "lim"):
+            getattr(target, f"set_{axis}{name}")(getattr(source, f"get_{axis}{name}")())
+        labels = [text.get_text() for text in getattr(source, f"get_{axis}ticklabels")()]
+        if any(re.search("[A-Za-z]", text.replace("mathdefault", "")) for text in labels):
+            getattr(target, f"set_{axis}ticks")(getattr(source, f"get_{axis}ticks")(), labels)
 
 
 def join_figures(parts: Sequence[str | Figure], title: str, headings: Sequence[str] = ()) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from dynident.api.argument_checks import require
 from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model_results import ModelResults
-from dynident.api.named_tables import Framed, Items, Table, build_columns
+from dynident.api.named_tables import Framed, FTest, Items, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import compare
 from dynident.effects import EffectChoice
@@ -30,32 +30,6 @@ from dynident.text_and_html_tables import join_html, render_details, render_list
 from dynident.verdict import ModelVerdict, Outcome, verdict
 
 NO_RECORDINGS = Recordings(())
-
-
-@dataclass(frozen=True)
-class FTest:
-    """Result of the F test of a model against a smaller one.
-
-    Parameters
-    ----------
-    f_value : float
-        The statistic.
-    p_value : float
-        Probability that noise alone makes it as large, if the smaller model holds.
-    df_diff : int
-        Number of conditions by which the models differ.
-    df_resid : float
-        Degrees of freedom with which the residual's variance is known.
-    """
-
-    f_value: float
-    p_value: float
-    df_diff: int
-    df_resid: float
-
-    def __iter__(self) -> Iterator[float]:
-        # As statsmodels gives it: f_value, p_value, df_diff = ….
-        return iter((self.f_value, self.p_value, self.df_diff))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,15 +124,26 @@ class Model(ModelResults):
         )
         smaller = restricted.identification if isinstance(restricted, Model) else restricted
         test = compare_nested(self.identification, smaller)
-        return FTest(test.statistic, test.p_value, test.count, test.freedom)
+        return FTest.from_test(test)
 
-    def residuals(self, recordings: SomeRecordings | None = None, *, progress: Progress = ignore_progress) -> Table:
-        """Return measured minus predicted torque.
+    def residuals(
+        self,
+        recordings: SomeRecordings | None = None,
+        *,
+        raw: bool = False,
+        progress: Progress = ignore_progress,
+    ) -> Table:
+        """Return what the model does not explain of the torque.
+
+        Where a joint moves or reverses that is measured minus predicted torque. Where it stands the sign of its
+        friction is unknown: there it is the distance to what static friction may hold, which is mostly 0.
 
         Parameters
         ----------
         recordings : recordings, optional
             Those that the model was identified from by default.
+        raw : bool
+            Whether to return measured minus predicted torque on every row, also where a joint stands.
         progress : function, optional
             Called with the fraction done and a message.
 
@@ -166,8 +151,8 @@ class Model(ModelResults):
         -------
         Table
             A row for each filtered, decimated sample: recording (its name), t (s), and a column for each joint (N m, or
-            N). Where a joint stands it is the distance to what static friction may hold. `compare` has more: measured
-            and predicted torque, and the phases of the motion.
+            N). These are all rows; the rms of `summary` is over rows where the joint moves. `dynident.compare` has
+            more: measured and predicted torque, both residuals, and the phases of the motion.
 
         Raises
         ------
@@ -188,7 +173,7 @@ class Model(ModelResults):
         for index, recording in enumerate(checked_recordings.recordings):
             share = scale_progress(progress, index / len(checked_recordings), (index + 1) / len(checked_recordings))
             parts.append(compare(self.identification, recording, share))
-        residuals = np.concatenate([part.residual for part in parts])
+        residuals = np.concatenate([part.raw_residual if raw else part.residual for part in parts])
         joints, units = parts[0].joint_names, parts[0].units
         return Table(
             {
@@ -197,7 +182,8 @@ class Model(ModelResults):
                 **{name: residuals[:, j] for j, name in enumerate(joints)},
             },
             {"t": "s", **dict(zip(joints, units, strict=True))},
-            title=f"Residuals of {', '.join(checked_recordings.names)}: measured minus predicted torque",
+            title=f"Residuals of {', '.join(checked_recordings.names)}: measured minus predicted torque"
+            + ("" if raw else "; at standstill the distance to static friction"),
         )
 
     def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
@@ -449,7 +435,7 @@ def _describe_quality(identification: Identification) -> str:
         f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the "
         f"fit{held_out}.",
         f"{n_determined} of {n_parameters} are determined by the data.",
-        f"The condition number of W is {describe_condition_number(identification)}; there are "
+        f"The scaled condition number of W is {describe_condition_number(identification)}; there are "
         f"{identification.equations_per_parameter:.0f} equations per parameter.",
     ]
     if identification.warnings:

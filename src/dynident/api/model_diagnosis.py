@@ -11,7 +11,7 @@ from dynident.api.argument_checks import check_arguments
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
-from dynident.api.named_tables import Framed, Table, build_columns
+from dynident.api.named_tables import Framed, PlainText, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import (
     Conclusion,
@@ -46,10 +46,12 @@ class DiagnosedModel(Framed):
     """A model with its diagnosis.
 
     `to_frame` has a row for each candidate, best first: rank, effect (its id), joints, constants (in words, with
-    units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value (the probability
-    that the best of all candidates would gain as evenly over the blocks of time by chance; it counts all of them, so
-    that a larger t need not have a smaller p), significant, recommended, separability (0 to 1), equivalent (ids with
-    commas), evidence, choice (the text that `Model.extend` takes), and reason (why it is a finding or not).
+    units), error_before and error_after (relative errors, fractions, of the joints that the effect acts on, on blocks
+    of time left out of the fit, beside the findings taken before; rows of different joints do not continue each other),
+    error_drop (the share of the error that it removes), t_value, p_value (the probability that the best of all
+    candidates would gain as evenly over the blocks of time by chance; it counts all of them, so that a larger t need
+    not have a smaller p), significant, recommended, separability (0 to 1), equivalent (ids with commas), evidence,
+    choice (the text that `Model.extend` takes), and reason (why it is a finding or not).
 
     Parameters
     ----------
@@ -76,9 +78,9 @@ class DiagnosedModel(Framed):
         return self.diagnosis.verdict
 
     @property
-    def summary(self) -> str:
-        """The findings, in a few sentences."""
-        return self.diagnosis.summary
+    def summary(self) -> PlainText:
+        """The findings, in a few sentences: `found.summary` or, as for a model, `found.summary()`."""
+        return PlainText(self.diagnosis.summary)
 
     @property
     def recommended(self) -> tuple[EffectChoice, ...]:

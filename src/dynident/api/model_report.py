@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from dynident.advice import AdvisedDiagnosis
-from dynident.api.argument_checks import check_arguments, require
+from dynident.api.argument_checks import CheckedResult, check_arguments, require
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.model_identification import as_model
@@ -25,7 +25,7 @@ _ENDINGS = (".html", ".htm", ".pdf")
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class Report(CheckedResult):
     """A page that needs no other files; a notebook shows it in a frame.
 
     Parameters

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynident.api.argument_checks import KnownNames
-from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times
+from dynident.api.motion_arguments import Motion, check_level, read_motion, read_times, resolve_simulation
 from dynident.api.named_tables import Table
-from dynident.api.parameter_tables import ErrorTable, Parameters, PlainText, format_summary
+from dynident.api.parameter_tables import ErrorTable, Parameters, ParameterStatistics
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -22,7 +21,7 @@ from dynident.estimation import Errors
 from dynident.export import ExportedFile, PredictingModel, TorquePredictor, export_model
 from dynident.export.export_request import ENDINGS
 from dynident.file_output import check_ending, write_atomically
-from dynident.identification import Estimate, Identification
+from dynident.identification import Estimate
 from dynident.identification.identified_models.torque_prediction import (
     PredictedTorque,
     check_simulated,
@@ -36,9 +35,12 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 from dynident.verdict import explain_stop
 
+if TYPE_CHECKING:
+    from dynident.simulation import Simulated
+
 
 @dataclass(frozen=True, eq=False)
-class ModelResults(KnownNames):
+class ModelResults(ParameterStatistics):
     """Parameters of an identified model, their uncertainty, and what can be computed from them.
 
     Parameters
@@ -46,8 +48,6 @@ class ModelResults(KnownNames):
     identification : Identification
         The model as the library gives it.
     """
-
-    identification: Identification
 
     @property
     def _held_out(self) -> tuple[Recording, ...]:
@@ -98,84 +98,6 @@ class ModelResults(KnownNames):
     def warnings(self) -> tuple[str, ...]:
         """The warnings of the identification."""
         return self.identification.warnings
-
-    @property
-    def params(self) -> Table:
-        """Values of the base parameters by name, in SI units; `parameters` has units and judgements beside them.
-
-        As a series of pandas: `model.params.to_frame()["value"]`.
-
-        Examples
-        --------
-        >>> model.params["Fc1"]  # doctest: +SKIP
-        3.02
-        """
-        return self._label({"value": self.identification.values}, "Base parameters")
-
-    @property
-    def bse(self) -> Table:
-        """Standard deviations of the base parameters by name: `model.bse["Fc1"]`."""
-        deviations = self.identification.statistics.standard_deviations
-        return self._label({"standard_deviation": deviations}, "Standard deviations of the base parameters")
-
-    @property
-    def covariance(self) -> Table:
-        """Covariance of the base parameters by name: `model.covariance["Fc1", "Fv1"]`.
-
-        It takes correlated residuals into account, as chosen (`IdentificationChoices.covariance`).
-        """
-        matrix, names = self.identification.statistics.covariance, self._names
-        columns = {name: matrix[:, k] for k, name in enumerate(names)}
-        title = "Covariance of the base parameters, SI units"
-        return Table(columns, labels=names, label_name="parameter", title=title, groupings=self._groupings)
-
-    @property
-    def correlation(self) -> Table:
-        """Correlation of the base parameters by name, −1 to 1: `model.correlation["Fc1", "Fv1"]`."""
-        names, matrix, scale = self._names, self.identification.statistics.covariance, self._deviations
-        columns = {name: matrix[:, k] / (scale * scale[k]) for k, name in enumerate(names)}
-        return Table(columns, labels=names, label_name="parameter", title="Correlation of the base parameters")
-
-    @property
-    def tvalues(self) -> Table:
-        """Base parameters divided by their standard deviations, by name: `model.tvalues["Fc1"]`."""
-        ratios, title = self.identification.values / self._deviations, "Parameters over their standard deviations"
-        return Table({"t": ratios}, labels=self._names, label_name="parameter", title=title)
-
-    def conf_int(self, level: float = 0.95) -> Table:
-        """Return the intervals that hold the true values of the parameters, by Student's t.
-
-        Parameters
-        ----------
-        level : float
-            Probability of each interval.
-
-        Returns
-        -------
-        Table
-            Columns lower and upper, a row for each parameter.
-
-        Examples
-        --------
-        >>> low, high = model.conf_int(0.99)["Fc1"]  # doctest: +SKIP
-        """
-        half = self.identification.statistics.half_widths(check_level(level, "level"))
-        values = self.identification.values
-        return self._label({"lower": values - half, "upper": values + half}, f"Intervals of {level:.4g} probability")
-
-    def summary(self) -> PlainText:
-        """Return quality and parameters of the model as a table of at most 100 columns.
-
-        Returns
-        -------
-        PlainText
-            A str that a notebook shows as it is printed.
-
-        Examples
-        --------
-        >>> print(model.summary())  # doctest: +SKIP
-        """
-        return PlainText(format_summary(self.identification))
 
     @overload
     def predict(
@@ -258,6 +180,31 @@ class ModelResults(KnownNames):
             predicted.half_width.reshape(motion.shape),
             level,
         )
+
+    def true_params(self, parameters: Mapping[str, float] | None = None, *, request: Simulated | None = None) -> Table:
+        """Return the base parameters of a virtual robot, to compare those of a simulation with.
+
+        Parameters
+        ----------
+        parameters, request : mapping of str to float, Simulated
+            As `DesignedMotion.simulate` was given them.
+
+        Returns
+        -------
+        Table
+            By the names of `params`; effects that the virtual robot does not have are 0.
+
+        Examples
+        --------
+        >>> error = model.params["Fc1"] - model.true_params({"Fc1": 3.0})["Fc1"]  # doctest: +SKIP
+        """
+        from dynident.simulation import compute_true_parameters
+
+        # The motion and the rate of the sensors change no parameter.
+        simulation = resolve_simulation(self.robot, parameters, request, None)
+        model = self.identification.model
+        standard = compute_true_parameters(self.robot, simulation, model.columns)
+        return self._label({"value": model.base.grouping @ standard}, "True base parameters")
 
     def predictor(self) -> TorquePredictor:
         """Return a predictor for a controller, which carries the memory of hysteresis along.
@@ -445,26 +392,8 @@ class ModelResults(KnownNames):
         return ExportedFile(str(path), file.media_type, file.content, file.notes)
 
     @property
-    def _deviations(self) -> FloatArray:
-        """Standard deviations (b,), NaN of a parameter that was set."""
-        deviations = self.identification.statistics.standard_deviations
-        return np.where(deviations > 0, deviations, np.nan)
-
-    @property
     def _estimate(self) -> Estimate:
         return self.identification.estimate
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(column.name for column in self.identification.model.kept)
-
-    @property
-    def _groupings(self) -> dict[str, str]:
-        return {parameter.name: parameter.grouping for parameter in self.identification.parameters}
-
-    def _label(self, columns: dict[str, FloatArray], title: str) -> Table:
-        units = {column.name: column.unit for column in self.identification.model.kept}
-        return Table(columns, units, self._names, "parameter", title, self._groupings)
 
     def _compute(self, function: Callable[..., FloatArray], motion: Motion) -> FloatArray:
         self.robot.require_no_contacts("term of its equations alone")

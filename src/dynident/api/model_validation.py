@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.api.argument_checks import check_arguments
+from dynident.api.argument_checks import CheckedResult, check_arguments
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.named_tables import Items
@@ -27,7 +27,7 @@ from dynident.verdict import Outcome
 
 
 @dataclass(frozen=True)
-class Validation(Outcome):
+class Validation(Outcome, CheckedResult):
     """One test of a model.
 
     Parameters
@@ -49,7 +49,7 @@ class Validation(Outcome):
 
 
 @dataclass(frozen=True, eq=False)
-class Validations(Items[Validation]):
+class Validations(Items[Validation], CheckedResult):
     """Several tests of one model.
 
     Parameters

@@ -5,17 +5,25 @@ Holds the checks of shapes and of degrees instead of radians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from math import pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dynident.api.argument_checks import require
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError, describe_value
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.recordings.position_checks import has_other_unit
 from dynident.robot import Robot
+
+if TYPE_CHECKING:
+    from dynident.excitation import Design
+    from dynident.simulation import Simulated, SimulationRequest
+
 
 _TITLE = "Unusable motion"
 _DEGREE = pi / 180.0
@@ -230,3 +238,46 @@ def _check_angles(robot: Robot, q: FloatArray) -> None:
                 pointer="q",
                 title=_TITLE,
             )
+
+
+def resolve_simulation(
+    robot: Robot, parameters: Mapping[str, float] | None, request: Simulated | None, design: Design | None
+) -> SimulationRequest:
+    """Return the simulation of a virtual robot with some true parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    parameters : mapping of str to float, optional
+        Standard parameters by name; they take precedence over those of the request.
+    request : Simulated, optional
+        Effects, noise and more; the usual ones where left out.
+    design : Design, optional
+        The motion; None where only the parameters are wanted.
+
+    Returns
+    -------
+    SimulationRequest
+        The simulation.
+
+    Raises
+    ------
+    DynidentError
+        For what is no mapping, or a parameter that the robot does not have.
+    """
+    from dynident.simulation import Reference, Simulated, build_simulation_request
+
+    require(
+        parameters is None or isinstance(parameters, Mapping),
+        parameters,
+        "parameters",
+        'give true values by name: {"Fc1": 3.0}',
+    )
+    requested = request or Simulated()
+    requested = replace(requested, parameters={**requested.parameters, **(parameters or {})})
+    at_rest = np.zeros((2, robot.n))
+    motion = (np.arange(2.0), at_rest, at_rest, at_rest, 1.0)
+    if design is not None:
+        motion = (design.t, design.q, design.dq, design.ddq, design.sampling_rate)
+    return build_simulation_request(requested, robot, Reference(*motion[:4]), motion[4])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dynident.advice import AdvisedDiagnosis
 from dynident.api.argument_checks import check_arguments
@@ -12,9 +13,10 @@ from dynident.api.effect_arguments import check_effects, resolve_effects
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
-from dynident.api.named_tables import Framed, Table
-from dynident.api.recording_collection import SomeRecordings, as_recordings
-from dynident.api.recording_files import write_argument
+from dynident.api.motion_arguments import resolve_simulation
+from dynident.api.named_tables import Framed, PlainText, Table
+from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
+from dynident.api.recording_files import read_recordings, write_argument
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError, word_notes
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
@@ -22,11 +24,15 @@ from dynident.excitation.design_files import design_table
 from dynident.excitation.design_request import Kind
 from dynident.file_output import check_ending
 from dynident.presentation.design_tables import build_limits_table, describe_design
-from dynident.progress import Progress, ignore_progress
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import RecordingMetadata
 from dynident.recordings.arrow_tables import table_column_to_numbers
 from dynident.recordings.row_storage import list_signal_units
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph
+
+if TYPE_CHECKING:
+    from dynident.simulation import Simulated
 
 TRAJECTORY_ENDINGS = (".csv", ".parquet", ".yaml")
 _SHOWN_MARGINS = 5
@@ -52,9 +58,14 @@ class DesignedMotion(Framed):
     design: Design
 
     @property
-    def summary(self) -> str:
-        """The quality of the design, in a few sentences."""
-        return describe_design(self.design)
+    def summary(self) -> PlainText:
+        """The quality of the design, in a few sentences: `motion.summary` or `motion.summary()`."""
+        return PlainText(describe_design(self.design))
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of W, [12.12], of the parameters in their SI units; `Model.condition_number` is the same."""
+        return self.design.criterion_values.condition_number
 
     def save(self, path: str | Path, speed: float = 1.0) -> None:
         """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.
@@ -73,6 +84,51 @@ class DesignedMotion(Framed):
             For another ending, a folder that does not exist, or a speed that is no share.
         """
         write_design(self.design, check_ending(path, TRAJECTORY_ENDINGS), speed)
+
+    def simulate(
+        self,
+        parameters: Mapping[str, float] | None = None,
+        *,
+        request: Simulated | None = None,
+        name: str = "simulated",
+        progress: Progress = ignore_progress,
+    ) -> Recordings:
+        """Simulate the motion on a virtual robot, and return what its sensors record.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float, optional
+            True standard parameters by name, such as {"Fc1": 3.0, "Fv1": 2.0}, in SI units. Links have those of the
+            description and joints the usual friction and rotor inertia where none is given.
+        request : dynident.simulation.Simulated, optional
+            Further effects, noise of the sensors, number of runs and seed.
+        name : str
+            Name of the recording.
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        Recordings
+            One recording; `Model.true_params` has the parameters that it was made with.
+
+        Raises
+        ------
+        DynidentError
+            For a parameter that the robot does not have, or a motion that it cannot follow.
+
+        Examples
+        --------
+        >>> run = motion.simulate({"Fc1": 3.0})  # doctest: +SKIP
+        >>> model = dy.identify(motion.robot, run)  # doctest: +SKIP
+        >>> model.params["Fc1"], model.true_params({"Fc1": 3.0})["Fc1"]  # doctest: +SKIP
+        """
+        from dynident.simulation import build_recording_table, simulate
+
+        simulation = resolve_simulation(self.robot, parameters, request, self.design)
+        table = build_recording_table(simulate(self.robot, simulation, scale_progress(progress, 0.0, 0.9)))
+        metadata = RecordingMetadata(name=name)
+        return read_recordings(table, robot=self.robot, metadata=metadata, progress=scale_progress(progress, 0.9, 1.0))
 
     def _columns(self) -> Table:
         # The same table that `save` writes, so that a frame and a file have the same columns.

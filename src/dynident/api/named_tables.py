@@ -1,4 +1,4 @@
-"""Tables with named columns and rows, and their conversion to data frames of pandas or polars.
+"""Tables with named columns and rows, their conversion to data frames of pandas or polars, texts, results of a test.
 
 This library needs neither package: a table prints itself and is indexed by name.
 """
@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.api.argument_checks import KnownNames
+from dynident.api.argument_checks import CheckedResult
 from dynident.errors import DynidentError, suggest_names
+from dynident.estimation.backward_elimination import WaldTest
 from dynident.file_output import TABLE_ENDINGS, check_ending
 from dynident.number_format import format_number
 from dynident.optional_dependencies import format_install_hint
@@ -91,7 +92,7 @@ class Items(Sequence[Item]):
         return f"there is no {name!r}; there are: {', '.join(self._list_names())}"
 
 
-class Framed(KnownNames, ABC):
+class Framed(CheckedResult, ABC):
     """Base class of results that are tables; each subclass states its columns and rows."""
 
     @overload
@@ -120,6 +121,11 @@ class Framed(KnownNames, ABC):
             Where the library, or any of the two, is not installed. `to_table` needs neither.
         """
         return _build_frame(self._columns(), library)
+
+    @property
+    def loc(self) -> pandas.core.indexing._LocIndexer:
+        """Rows by their names, as of `to_frame("pandas")`: `model.bse.loc["Fc1"]`; it needs pandas."""
+        return self.to_frame("pandas").loc
 
     def to_table(self) -> Table:
         """Return the same columns as a table of this library, which needs neither pandas nor polars.
@@ -354,3 +360,48 @@ def _build_frame(table: Table, library: FrameLibrary | None) -> pandas.DataFrame
         f"a data frame needs {wanted}, which is not installed; {hint}. to_table() gives the same columns without it",
         title="Not installed",
     )
+
+
+class PlainText(str):
+    """A text that a console and a notebook show as it is printed, with its line breaks.
+
+    Calling it returns it, so that `summary` may be read as an attribute or called as a method, of every result.
+    """
+
+    def __call__(self) -> PlainText:
+        """Return the text itself."""
+        return self
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+@dataclass(frozen=True)
+class FTest:
+    """Result of the F test of a model against a smaller one.
+
+    Parameters
+    ----------
+    f_value : float
+        The statistic.
+    p_value : float
+        Probability that noise alone makes it as large, if the smaller model holds.
+    df_diff : int
+        Number of conditions by which the models differ.
+    df_resid : float
+        Degrees of freedom with which the residual's variance is known.
+    """
+
+    f_value: float
+    p_value: float
+    df_diff: int
+    df_resid: float
+
+    @classmethod
+    def from_test(cls, test: WaldTest) -> FTest:
+        """Return the test by statsmodels' names."""
+        return cls(test.statistic, test.p_value, test.count, test.freedom)
+
+    def __iter__(self) -> Iterator[float]:
+        # As statsmodels gives it: f_value, p_value, df_diff = ….
+        return iter((self.f_value, self.p_value, self.df_diff))

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from textwrap import wrap
 
-from dynident.api.named_tables import Framed, Items, Table, describe_missing
+import numpy as np
+
+from dynident.api.argument_checks import CheckedResult, require
+from dynident.api.motion_arguments import check_level
+from dynident.api.named_tables import Framed, FTest, Items, PlainText, Table, describe_missing
+from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
-from dynident.number_format import format_count, format_percent
+from dynident.identification.identified_models.correlated_and_essential_parameters import compute_test_of_values
+from dynident.number_format import format_count, format_number, format_percent
 from dynident.presentation.labels import describe_condition_number
 from dynident.presentation.model_tables import (
     GROUPING,
@@ -43,6 +51,11 @@ class Parameters(Items[IdentifiedParameter], Framed):
     """
 
     items: tuple[IdentifiedParameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return tuple(item.name for item in self.items)
 
     def _columns(self) -> Table:
         items = self.items
@@ -83,7 +96,7 @@ class Parameters(Items[IdentifiedParameter], Framed):
 
 
 @dataclass(frozen=True)
-class JointError:
+class JointError(CheckedResult):
     """The errors of a model on one joint's filtered torque.
 
     None stands where there is no such data, or the joint never moves in it.
@@ -191,13 +204,6 @@ def _join_errors(name: str, joints: Sequence[tuple[float | None, float | None, f
     return ErrorKind(name, ErrorFigures(rms, moving, None), ErrorFigures((), everywhere, None))
 
 
-class PlainText(str):
-    """A text that a console and a notebook show as it is printed, with its line breaks."""
-
-    def __repr__(self) -> str:
-        return str(self)
-
-
 def _get_moving_error(errors: Errors | None, joint: int) -> tuple[float | None, float | None]:
     """Return relative error and rms of one joint where it moves; None for both where it never does."""
     # Without rows the ratio would be 0 / 0, and an error of zero would look like a perfect joint.
@@ -222,6 +228,7 @@ def format_summary(identification: Identification) -> str:
     data, choices, errors = identification.data, identification.choices, identification.held_out_judged
     parameters = identification.parameters
     n_determined = sum(parameter.well_identified for parameter in parameters)
+    n_held = sum(parameter.judgement == "held" for parameter in parameters)
     held_out = "no held-out data" if errors is None else f"{format_percent(errors.relative_total)} held out"
     facts = [
         ("identified from", ", ".join(data.measurement_names)),
@@ -231,8 +238,13 @@ def format_summary(identification: Identification) -> str:
             "error where joints move",
             f"{format_percent(identification.fit_judged.relative_total)} in the fit, {held_out}",
         ),
-        ("determined parameters", f"{n_determined} of {format_count(len(parameters), 'base parameter')}"),
-        ("condition number of W", describe_condition_number(identification)),
+        (
+            "determined parameters",
+            f"{n_determined} of {format_count(len(parameters), 'base parameter')}"
+            + (f", {n_held} held" if n_held else ""),
+        ),
+        ("condition number of W", f"{format_number(identification.condition_number)} (SI units, as that of a design)"),
+        ("scaled condition number", describe_condition_number(identification)),
         ("equations per parameter", f"{identification.equations_per_parameter:.0f}"),
     ]
     width = max(len(name) for name, _ in facts)
@@ -272,3 +284,167 @@ def _shorten_column(table: ReportedTable, column: int) -> ReportedTable:
 
 def _shorten(text: str) -> str:
     return text if len(text) <= _LONGEST_JOINT else f"{text[: _LONGEST_JOINT - 1]}…"
+
+
+_SINGULAR = 1e-9
+"""Eigenvalue of a correlation matrix that is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterStatistics(CheckedResult):
+    """Base parameters of an identified model with their uncertainty, by name.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model as the library gives it.
+    """
+
+    identification: Identification
+
+    @property
+    def params(self) -> Table:
+        """Values of the base parameters by name, in SI units; `parameters` has units and judgements beside them.
+
+        As a series of pandas: `model.params.to_frame()["value"]`.
+
+        Examples
+        --------
+        >>> model.params["Fc1"]  # doctest: +SKIP
+        3.02
+        """
+        return self._label({"value": self.identification.values}, "Base parameters")
+
+    @property
+    def bse(self) -> Table:
+        """Standard deviations of the base parameters by name: `model.bse["Fc1"]`."""
+        deviations = self.identification.statistics.standard_deviations
+        return self._label({"standard_deviation": deviations}, "Standard deviations of the base parameters")
+
+    @property
+    def covariance(self) -> Table:
+        """Covariance of the base parameters by name: `model.covariance["Fc1", "Fv1"]`.
+
+        It takes correlated residuals into account, as chosen (`IdentificationChoices.covariance`). By blocks of time
+        (the default) it is estimated from how the parameters move as each block is left out, and its rank is below the
+        number of blocks: of a short recording it is singular, and so is every such estimate with fewer blocks than
+        parameters. Single deviations and intervals are right; do not invert it. `wald_test` tests several parameters
+        together with the degrees of freedom that there are; `IdentificationChoices(covariance="by_joint")` gives a
+        matrix of full rank.
+        """
+        matrix, names = self.identification.statistics.covariance, self._names
+        columns = {name: matrix[:, k] for k, name in enumerate(names)}
+        title = "Covariance of the base parameters, SI units"
+        moving = matrix[np.ix_(*[np.diag(matrix) > 0] * 2)]
+        deviations = np.sqrt(np.diag(moving))
+        rank = int(np.linalg.matrix_rank(moving / np.outer(deviations, deviations), hermitian=True, tol=_SINGULAR))
+        if rank < len(moving):
+            title += f"; singular: of rank {rank} of {len(moving)}, from blocks of time"
+        return Table(columns, labels=names, label_name="parameter", title=title, groupings=self._groupings)
+
+    @property
+    def correlation(self) -> Table:
+        """Correlation of the base parameters by name, −1 to 1: `model.correlation["Fc1", "Fv1"]`."""
+        names, matrix, scale = self._names, self.identification.statistics.covariance, self._deviations
+        columns = {name: matrix[:, k] / (scale * scale[k]) for k, name in enumerate(names)}
+        return Table(columns, labels=names, label_name="parameter", title="Correlation of the base parameters")
+
+    @property
+    def tvalues(self) -> Table:
+        """Base parameters divided by their standard deviations, by name: `model.tvalues["Fc1"]`."""
+        ratios, title = self.identification.values / self._deviations, "Parameters over their standard deviations"
+        return Table({"t": ratios}, labels=self._names, label_name="parameter", title=title)
+
+    def conf_int(self, level: float = 0.95) -> Table:
+        """Return the intervals that hold the true values of the parameters, by Student's t.
+
+        Parameters
+        ----------
+        level : float
+            Probability of each interval.
+
+        Returns
+        -------
+        Table
+            Columns lower and upper, a row for each parameter.
+
+        Examples
+        --------
+        >>> low, high = model.conf_int(0.99)["Fc1"]  # doctest: +SKIP
+        """
+        half = self.identification.statistics.half_widths(check_level(level, "level"))
+        values = self.identification.values
+        return self._label({"lower": values - half, "upper": values + half}, f"Intervals of {level:.4g} probability")
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of W, [12.12], of the parameters in their SI units, as that of a design."""
+        return self.identification.condition_number
+
+    @property
+    def scaled_condition_number(self) -> float:
+        """Condition number of W with columns of equal size, which does not depend on units; a warning goes by it."""
+        return self.identification.equilibrated_condition_number
+
+    @property
+    def summary(self) -> PlainText:
+        """Quality and parameters of the model as a text of at most 100 columns: `model.summary()`.
+
+        A console and a notebook show it as it is printed; it may be called or not.
+
+        Examples
+        --------
+        >>> print(model.summary())  # doctest: +SKIP
+        """
+        return PlainText(format_summary(self.identification))
+
+    def wald_test(self, values: Mapping[str, float]) -> FTest:
+        """Test whether several parameters have given values, all at once.
+
+        It takes the estimates and their covariance as they are. A covariance by blocks of time (the default) is itself
+        estimated from as many samples as there are blocks: the test is then Hotelling's T², with as many degrees of
+        freedom as blocks leave, and it needs more blocks than parameters that are tested.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Values of base parameters by name, in SI units.
+
+        Returns
+        -------
+        FTest
+            `f_value`, `p_value` and `df_diff`, and `df_resid`.
+
+        Raises
+        ------
+        DynidentError
+            For a name that is no estimated parameter, or more parameters than the recordings have blocks of time.
+
+        Examples
+        --------
+        >>> model.wald_test({"Fc1": 3.0, "Fv1": 2.0}).p_value  # doctest: +SKIP
+        """
+        known = isinstance(values, Mapping) and values and all(isinstance(number, Real) for number in values.values())
+        require(bool(known), values, "values", 'give values by the names of parameters: {"Fc1": 3.0, "Fv1": 2.0}')
+        for name in values:
+            if name not in self._names:
+                raise DynidentError(describe_missing("parameter", name, self._names, self._groupings), pointer="values")
+        return FTest.from_test(compute_test_of_values(self.identification, values))
+
+    @property
+    def _deviations(self) -> FloatArray:
+        """Standard deviations (b,), NaN of a parameter that was set."""
+        deviations = self.identification.statistics.standard_deviations
+        return np.where(deviations > 0, deviations, np.nan)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(column.name for column in self.identification.model.kept)
+
+    @property
+    def _groupings(self) -> dict[str, str]:
+        return {parameter.name: parameter.grouping for parameter in self.identification.parameters}
+
+    def _label(self, columns: dict[str, FloatArray], title: str) -> Table:
+        units = {column.name: column.unit for column in self.identification.model.kept}
+        return Table(columns, units, self._names, "parameter", title, self._groupings)

@@ -89,6 +89,9 @@ class CheckedRecording(Framed):
         """The name of the recording: that of its file without the ending."""
         return self.recording.name
 
+    def __len__(self) -> int:
+        return self.recording.n_samples
+
     @property
     def findings(self) -> tuple[Check, ...]:
         """The checks that found something."""

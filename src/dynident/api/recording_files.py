@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict, Unpack
 
-from dynident.api.argument_checks import check_arguments, require
+from dynident.api.argument_checks import CheckedResult, check_arguments, require
 from dynident.api.recording_collection import CheckedRecording, Recordings, RecordingSource
 from dynident.api.recordings_in_memory import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.robot_files import DriveGains, set_drive_gains
@@ -42,7 +42,7 @@ class ProposedColumns(TypedDict, total=False):
 
 
 @dataclass(frozen=True, eq=False)
-class InspectedFile:
+class InspectedFile(CheckedResult):
     """The probable contents of a file; `read_recordings(path, robot=robot, **found.said)` reads it as proposed.
 
     Parameters

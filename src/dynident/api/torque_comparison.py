@@ -15,6 +15,7 @@ from dynident.api.model import Model
 from dynident.api.model_identification import as_model
 from dynident.api.named_tables import Framed, Items, Table
 from dynident.api.recording_collection import CheckedRecording, SomeRecordings, as_recordings
+from dynident.array_types import FloatArray
 from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
 from dynident.errors import DynidentError
@@ -37,9 +38,13 @@ class ComparedRecording(Framed):
     """One recording compared with the prediction of a model.
 
     `to_frame` has a row for each joint and time, joint after joint: joint, unit (N m or N), t (s), segment (of the
-    recording, from 0 on), measured, predicted, residual, lower, upper, all five in `unit`, and phase (moving,
-    reversing, standing, passive_halt). Torque is filtered and decimated. Where a joint stands its residual is the
-    distance to what static friction may hold, from lower to upper.
+    recording, from 0 on), measured, predicted, raw_residual, residual, friction_lower, friction_upper, interval_lower,
+    interval_upper, all eight in `unit`, and phase (moving, reversing, standing, passive_halt, no_torque). Torque is
+    filtered and decimated. raw_residual is measured minus predicted on every row. residual is the same where a joint
+    moves or reverses; where it stands the sign of friction is unknown, and residual is the distance to what static
+    friction may hold, from friction_lower to friction_upper. Measured torque of a right model is between interval_lower
+    and interval_upper with a probability of 95 %: the band of the plot about the prediction. Errors of the model are
+    root mean squares of residual, where joints move or on all rows, as `ErrorTable` says.
 
     Parameters
     ----------
@@ -66,8 +71,9 @@ class ComparedRecording(Framed):
     def save(self, path: str | Path) -> None:
         """Write the signals with a row for each time, as .csv or .parquet.
 
-        Its columns are t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_
-        and phase_. The phase is moving, reversing, standing, or passive_halt where a passive joint reverses or stands.
+        Its columns are t, segment, and for every joint measured_, predicted_, raw_residual_, residual_,
+        friction_lower_, friction_upper_, band_ (half of the 95 % interval), q_, dq_ and phase_, as in `to_frame`. The
+        phase is moving, reversing, standing, or passive_halt where a passive joint reverses or stands.
 
         Parameters
         ----------
@@ -81,8 +87,10 @@ class ComparedRecording(Framed):
         """
         comparison = self.comparison
         columns: dict[str, NDArray[np.generic]] = {"t": comparison.t, "segment": comparison.segment.astype(np.int64)}
-        for signal in ("measured", "predicted", "lower", "upper", "residual", "band", "q", "dq"):
-            values = getattr(comparison, signal)
+        signals = {**self._list_signals(), "band": comparison.band, "q": comparison.q, "dq": comparison.dq}
+        for signal, values in signals.items():
+            if signal.startswith("interval"):
+                continue
             for index, joint in enumerate(comparison.joint_names):
                 # Arrow takes columns that are contiguous.
                 columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
@@ -126,22 +134,28 @@ class ComparedRecording(Framed):
     def _build_arrays(self) -> dict[str, NDArray[np.generic]]:
         comparison = self.comparison
         m, n = comparison.measured.shape
-        signals = {
-            # All five in the joint's unit, each (m, n).
-            "measured": comparison.measured,
-            "predicted": comparison.predicted,
-            "residual": comparison.residual,
-            "lower": comparison.lower,
-            "upper": comparison.upper,
-        }
         return {
             "joint": np.repeat(comparison.joint_names, m),
             "unit": np.repeat(comparison.units, m),
             "t": np.tile(comparison.t, n),
             "segment": np.tile(comparison.segment.astype(np.int64), n),
             # Column by column, as the joints are repeated: joint after joint.
-            **{name: values.ravel("F") for name, values in signals.items()},
+            **{name: values.ravel("F") for name, values in self._list_signals().items()},
             "phase": _PHASES[comparison.phase.ravel("F")],
+        }
+
+    def _list_signals(self) -> dict[str, FloatArray]:
+        """Return torques (m, n) in the joint's unit by name."""
+        comparison = self.comparison
+        return {
+            "measured": comparison.measured,
+            "predicted": comparison.predicted,
+            "raw_residual": comparison.raw_residual,
+            "residual": comparison.residual,
+            "friction_lower": comparison.lower,
+            "friction_upper": comparison.upper,
+            "interval_lower": comparison.predicted - comparison.band,
+            "interval_upper": comparison.predicted + comparison.band,
         }
 
     def __repr__(self) -> str:

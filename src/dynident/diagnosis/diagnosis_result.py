@@ -10,7 +10,7 @@ from typing import Literal
 from dynident.array_types import FloatArray
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, find_outcome
 from dynident.effects import EffectChoice, get_effect
-from dynident.errors import DynidentError, suggest_names
+from dynident.errors import DynidentError, KnownNames, suggest_names
 
 Adequacy = Literal["adequate", "missing_effect", "unexplained", "cannot_tell"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
@@ -24,7 +24,7 @@ def word_title(effect: str, question: str) -> str:
 
 
 @dataclass(frozen=True)
-class RankedEffect:
+class RankedEffect(KnownNames):
     """An effect in the ranking of a diagnosis, at its best place.
 
     Parameters
@@ -34,9 +34,11 @@ class RankedEffect:
     choice : EffectChoice
         The effect at its best place with its best shape constants, as it can be added to a model.
     error_before : float
-        Relative error on held-out data without it, on the joints that it is about, with all that ranks above it.
+        Relative error without it, beside the model and the findings that were taken before it, on blocks of time of the
+        diagnosed recordings that were left out of the fit in turn (cross-validation). It is that of the joints that the
+        effect acts on, so that effects on different joints do not continue each other's errors.
     error_after : float
-        Relative error on held-out data with it.
+        The same error with it.
     error_drop : float
         Share of the error that it removes beside all that ranks above it: what it explains.
     t_value : float
@@ -330,7 +332,7 @@ class FailureSpot:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(KnownNames):
     """The verdict on a model, what is missing in it, and what the data could not tell.
 
     Parameters

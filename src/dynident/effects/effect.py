@@ -360,7 +360,7 @@ class Effect(ABC):
         Parameters
         ----------
         signals : Signals
-            Symbols that the columns are expressions of.
+            CasADi symbols, no arrays over time: `signals.dq[j]` is the velocity of joint j (see `dynident.register`).
         joints : sequence of int
             Indices of joints; ignored where the scope is the robot.
         shape : mapping of name to value

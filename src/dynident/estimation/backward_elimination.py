@@ -20,7 +20,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.least_squares import Solution, build_weighted_factor
+from dynident.estimation.least_squares import Solution, build_weighted_factor, move_held_columns
 from dynident.estimation.parameter_covariance import Statistics
 from dynident.estimation.prior_information import extract_deviations, invert_information
 from dynident.estimation.qr_decomposition import compute_r_factor
@@ -115,12 +115,14 @@ def eliminate_parameters(
     EliminationPath
         The steps in their order, and why they end.
     """
-    c = reduction.n_columns
-    r = build_weighted_factor(reduction, solution.noise, solution.known)
+    # Parameters that are held at a known value are no candidates: their torque is on the right-hand side.
+    own = np.flatnonzero(~solution.is_held)
+    r = move_held_columns(build_weighted_factor(reduction, solution.noise, solution.known), solution.known)
+    c = len(own)
     freedom = max(float(uncertainty.effective_rows.sum()) - c, 1.0)
     gram = r[:c, :c].T @ r[:c, :c]
     # The sandwich's inner matrix, recovered from the covariance: smaller models take their block of it.
-    meat = gram @ uncertainty.covariance @ gram
+    meat = gram @ uncertainty.covariance[np.ix_(own, own)] @ gram
     remaining = np.arange(c)
     full, full_covariance = _fit_subset(r, remaining, meat)
     values, covariance = full, full_covariance
@@ -132,10 +134,10 @@ def eliminate_parameters(
         spread = _compute_deviation_ratio(relative)
         if spread < ratio:
             return EliminationPath(tuple(eliminations), "ratio", spread, None)
-        if len(remaining) == 1:
+        if len(remaining) <= 1:
             return EliminationPath(tuple(eliminations), "last", spread, None)
         worst = int(np.argmax(relative))
-        removed = np.array([*(step.removed for step in eliminations), remaining[worst]], dtype=np.intp)
+        removed = np.setdiff1d(np.arange(c), np.delete(remaining, worst))
         # The test is on the full model's estimates, so that earlier steps do not bias it.
         test = compute_wald_test(full[removed], full_covariance[np.ix_(removed, removed)], freedom)
         rest = np.delete(remaining, worst)
@@ -143,12 +145,12 @@ def eliminate_parameters(
         padded_values = np.zeros(c)
         padded_values[rest] = smaller
         step = Elimination(
-            int(remaining[worst]),
+            int(own[remaining[worst]]),
             float(relative[worst]),
             spread,
             test.statistic,
             test.p_value,
-            padded_values,
+            padded_values if solution.known is None else solution.known.restore_held(padded_values),
         )
         if step.p_value < level:
             return EliminationPath(tuple(eliminations), "test", spread, step)
@@ -170,8 +172,8 @@ def _compute_relative_deviations(values: FloatArray, covariance: FloatArray) -> 
 
 
 def _compute_deviation_ratio(relative: FloatArray) -> float:
-    smallest = float(relative.min())
-    return float(relative.max()) / smallest if smallest > 0 else 1.0
+    smallest = float(relative.min(initial=np.inf))
+    return float(relative.max()) / smallest if 0 < smallest < np.inf else 1.0
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,8 @@ def solve_instrumental(
     """
     c = both.n_columns // 2
     observed = both.select_columns(np.arange(c, 2 * c))
+    if known is not None and known.held is not None:
+        return _solve_beside_held(both, observed, known, covariance)
     # Prior knowledge has no noise in W: it is its own instrument.
     twice = None if known is None else PriorInformation(np.hstack([known.factor, known.factor]), known.right)
 
@@ -104,6 +106,28 @@ def solve_instrumental(
     solution = Solution(solved.values, noise, solved.observed, known, converged=converged)
     return InstrumentalSolution(
         solution, _compute_statistics(both, observed, solution, solved, covariance), solved.strength
+    )
+
+
+def _solve_beside_held(
+    both: Reduction, observed: Reduction, known: PriorInformation, covariance: CovarianceName
+) -> InstrumentalSolution:
+    """Solve for the parameters that are not held, with the torque of the others on the right-hand side."""
+    where = ~known.is_held
+    held = known.restore_held(np.zeros(int(where.sum())))
+    moved = both.move_columns(np.concatenate([np.zeros(len(held)), held]), np.concatenate([where, where]))
+    rows = known.remove_held()
+    alone = solve_instrumental(moved, rows if rows.has_rows else None, covariance)
+    inner, c = alone.statistics, len(held)
+    spread, freedom = np.zeros((c, c)), np.full(c, np.inf)
+    spread[np.ix_(where, where)], freedom[where] = inner.covariance, inner.freedom
+    noise = alone.solution.noise
+    factor = build_weighted_factor(observed, noise, known)[:-1, :-1]
+    values = known.restore_held(alone.solution.values)
+    return InstrumentalSolution(
+        Solution(values, noise, factor, known, np.eye(c)[:, where], alone.solution.converged),
+        Statistics(spread, inner.effective_rows, inner.noise, freedom),
+        alone.strength,
     )
 
 

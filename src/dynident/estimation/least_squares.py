@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation.prior_information import PriorInformation, invert_factor
-from dynident.estimation.qr_decomposition import compute_r_factor
+from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
 from dynident.estimation.residual_correlation import compute_correlation_factors
 from dynident.estimation.residual_errors import compute_fitted_errors, compute_weighted_squares
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
@@ -56,7 +56,7 @@ class Solution:
     known : PriorInformation, optional
         Prior knowledge; its rows are part of R.
     free : (c, f), optional
-        Directions that active constraints leave free.
+        Directions that active constraints, and parameters that are held, leave free.
     converged : bool
         Whether the weights have settled.
     """
@@ -67,6 +67,11 @@ class Solution:
     known: PriorInformation | None = None
     free: FloatArray | None = None
     converged: bool = True
+
+    @property
+    def is_held(self) -> BoolArray:
+        """Which parameters (c,) are held at a known value."""
+        return np.zeros(len(self.values), dtype=bool) if self.known is None else self.known.is_held
 
     @property
     def scales(self) -> FloatArray:
@@ -205,14 +210,41 @@ def solve(reduction: Reduction, noise: FloatArray, known: PriorInformation | Non
     c = reduction.n_columns
     check_rows(reduction.n_rows, c, known)
     r = build_weighted_factor(reduction, noise, known)
-    factor, right = r[:c, :c], r[:c, c]
-    check_rank(factor, _SINGULAR)
-    return Solution(solve_triangular(factor, right), noise, factor, known)
+    factor = r[:c, :c]
+    if known is None or known.held is None:
+        check_rank(factor, _SINGULAR)
+        return Solution(solve_triangular(factor, r[:c, c]), noise, factor, known)
+    small, where = move_held_columns(r, known), ~known.is_held
+    check_rank(small[:-1, :-1], _SINGULAR)
+    values = known.restore_held(solve_triangular(small[:-1, :-1], small[:-1, -1]))
+    return Solution(values, noise, factor, known, np.eye(c)[:, where])
+
+
+def move_held_columns(r: FloatArray, known: PriorInformation | None) -> FloatArray:
+    """Move the torque of parameters that are held to the right-hand side.
+
+    Parameters
+    ----------
+    r : (c + 1, c + 1)
+        Triangular factor of [W | Y].
+    known : PriorInformation, optional
+        Names the parameters that are held, and their values.
+
+    Returns
+    -------
+    (f + 1, f + 1) array
+        Triangular factor of the other columns and what is left of Y.
+    """
+    if known is None or known.held is None:
+        return r
+    where = known.is_held
+    rest = r[:, -1] - r[:, :-1][:, where] @ known.held[where]
+    return pad_to_square(compute_r_factor(np.column_stack([r[:, :-1][:, ~where], rest])))
 
 
 def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -> None:
     """Raise `EstimationError` where there are fewer rows, prior knowledge included, than parameters."""
-    if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
+    if n_rows + (0 if known is None else len(known.right) + int(known.is_held.sum())) <= n_parameters:
         raise EstimationError(
             f"{n_rows} equations cannot determine {n_parameters} parameters; use a longer recording or wider windows",
             pointer="/recordings",
@@ -258,8 +290,8 @@ def solve_ordinary(reduction: Reduction, known: PriorInformation | None = None) 
         As in `solve`.
     """
     alike = np.ones(len(reduction.equations))
-    if known is None:
-        return solve(reduction, alike)
+    if known is None or not known.has_rows:
+        return solve(reduction, alike, known)
     counts = reduction.row_counts
 
     # The mean variance over all rows; equations still count alike, only prior knowledge is weighed against it.
@@ -297,7 +329,8 @@ def solve_weighted(
         As in `solve`.
     """
     # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
-    levels = compute_noise_levels if known is None else compute_correlated_noise
+    is_weighed = known is not None and known.has_rows
+    levels = compute_correlated_noise if is_weighed else compute_noise_levels
     homogeneous = any(_is_homogeneous(equation) for equation in reduction.equations)
     # Terms of homogeneous equations are measured by ordinary least squares alone.
     first = solve_ordinary(reduction, known) if near is None or homogeneous else near

@@ -110,12 +110,14 @@ def _find_correlated_pairs(correlation: FloatArray, most: int) -> tuple[Correlat
 
 
 def _find_weak_directions(solution: Solution, uncertainty: Statistics, most: int) -> tuple[WeakDirection, ...]:
-    scales = solution.scales
+    # A parameter that is held takes no part in a direction that is poorly determined.
+    where = np.flatnonzero(~solution.is_held)
+    scales = solution.scales[where]
     if len(scales) == 0 or np.any(scales <= 0):
         return ()
     # A singular value is the norm of the torque that a unit step along its direction causes. Scaled columns make the
     # ratio independent of the parameters' units.
-    _, singular, vt = np.linalg.svd(solution.factor / scales)
+    _, singular, vt = np.linalg.svd(solution.factor[:, where] / scales)
     weak_directions: list[WeakDirection] = []
     for size, direction in zip(singular[::-1], vt[::-1], strict=True):
         ratio = float(singular[0] / size) if size > 0 else float("inf")
@@ -127,8 +129,10 @@ def _find_weak_directions(solution: Solution, uncertainty: Statistics, most: int
         largest = members[np.argmax(np.abs(weights[members]))]
         weights = weights / weights[largest]
         order = members[np.argsort(-np.abs(weights[members]), kind="stable")]
-        parts = tuple((int(k), float(weights[k])) for k in order)
+        parts = tuple((int(where[k]), float(weights[k])) for k in order)
         weak_directions.append(
-            WeakDirection(parts, ratio, float(np.sqrt(max(weights @ uncertainty.covariance @ weights, 0.0))))
+            WeakDirection(
+                parts, ratio, float(np.sqrt(max(weights @ uncertainty.covariance[np.ix_(where, where)] @ weights, 0.0)))
+            )
         )
     return tuple(weak_directions)

@@ -132,7 +132,9 @@ def estimate_cluster_covariance(
     # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
     doubt = from_steps**2 / np.maximum(_compute_satterthwaite_freedom(pulls, moved), 1.0) + from_assumption**2
     freedom = (from_steps + from_assumption + from_knowledge) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
-    return ClusterCovariance(0.5 * (covariance + covariance.T), np.clip(freedom, 1.0, _SURE))
+    # A parameter that is held is a constant.
+    freedom = np.where(solution.is_held, np.inf, np.clip(freedom, 1.0, _SURE))
+    return ClusterCovariance(0.5 * (covariance + covariance.T), freedom)
 
 
 def find_occupied_blocks(reduction: Reduction) -> BoolArray:
@@ -148,7 +150,7 @@ def _compute_row_variance(reduction: Reduction, solution: Solution) -> float:
         for equation, sigma in zip(reduction.equations, solution.noise, strict=True)
         if len(equation.counts)
     )
-    return squares / max(reduction.n_rows - reduction.n_columns, 1)
+    return squares / max(reduction.n_rows - int(np.sum(~solution.is_held)), 1)
 
 
 def _compute_scores(reduction: Reduction, solution: Solution) -> FloatArray:
@@ -291,8 +293,9 @@ def find_prior_dominated(reduction: Reduction, solution: Solution) -> NDArray[np
     noise = compute_correlated_noise(reduction, solution.values)
     c = reduction.n_columns
     # The noise is corrected for correlated rows, as it is where prior knowledge is weighed against the data.
-    alone = compute_standard_deviations(build_weighted_factor(reduction, noise)[:c, :c])
-    together = compute_standard_deviations(build_weighted_factor(reduction, noise, solution.known)[:c, :c])
+    held = np.eye(c)[solution.known.is_held]
+    alone = compute_standard_deviations(build_weighted_factor(reduction, noise)[:c, :c], held)
+    together = compute_standard_deviations(build_weighted_factor(reduction, noise, solution.known)[:c, :c], held)
     return np.asarray(alone > _OWED * together)
 
 
@@ -331,7 +334,8 @@ class Statistics:
     @property
     def median_freedom(self) -> float:
         """Median of the degrees of freedom, for quantities that depend on many estimates."""
-        return float(np.median(self.freedom)) if len(self.freedom) else 1.0
+        estimated = self.freedom[np.isfinite(self.freedom)]
+        return float(np.median(estimated)) if len(estimated) else 1.0
 
     def half_widths(self, level: float = 0.95) -> FloatArray:
         """Return the half-widths (c,) of the intervals that hold the true value with this probability (Student's t)."""
@@ -392,9 +396,9 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     # "independent" takes every row at its word; "by_joint" inflates each equation's variance by its own correlation.
     counted = np.ones(len(inflation)) if kind == "independent" else inflation
     covariance = compute_sandwich_covariance(reduction, solution, counted)
-    return Statistics(
-        covariance, worth, noise, compute_row_freedom(reduction.row_counts / counted, reduction.n_columns)
-    )
+    freedom = np.full(reduction.n_columns, np.inf)
+    freedom[~solution.is_held] = compute_row_freedom(reduction.row_counts / counted, int(np.sum(~solution.is_held)))
+    return Statistics(covariance, worth, noise, freedom)
 
 
 def compute_sandwich_covariance(reduction: Reduction, solution: Solution, inflation: FloatArray) -> FloatArray:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from dynident.array_types import FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 
 # Smallest eigenvalue of a correlation matrix that is taken at its word: below it rounding decides.
 _FLAT = 1e-12
@@ -28,10 +29,14 @@ class PriorInformation:
         Left sides of the k equations, in the units of 1 / χ.
     right : (k,)
         Right sides, without unit.
+    held : (c,), optional
+        Values of parameters that are held exactly; NaN for the others. They are no rows, as no weight expresses
+        certainty: a solver moves their torque to the right-hand side and estimates the others alone.
     """
 
     factor: FloatArray
     right: FloatArray
+    held: FloatArray | None = None
 
     @property
     def n_columns(self) -> int:
@@ -43,9 +48,40 @@ class PriorInformation:
         """The matrix [factor | right], (k, c + 1)."""
         return np.column_stack([self.factor, self.right])
 
+    @property
+    def is_held(self) -> BoolArray:
+        """Which parameters (c,) are held exactly."""
+        return np.zeros(self.n_columns, dtype=bool) if self.held is None else ~np.isnan(self.held)
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether there is anything to weigh against data; values that are held alone are not."""
+        return len(self.right) > 0
+
     def combine_with(self, other: PriorInformation) -> PriorInformation:
-        """Return the equations of both."""
-        return PriorInformation(np.vstack([self.factor, other.factor]), np.concatenate([self.right, other.right]))
+        """Return the equations of both; parameters that are held are those of this one."""
+        rows = np.vstack([self.factor, other.factor])
+        return PriorInformation(rows, np.concatenate([self.right, other.right]), self.held)
+
+    def select_columns(self, columns: Sequence[int] | IndexArray) -> PriorInformation:
+        """Return the same equations where all parameters but these are zero."""
+        chosen = np.asarray(columns, dtype=np.intp)
+        return PriorInformation(self.factor[:, chosen], self.right, None if self.held is None else self.held[chosen])
+
+    def remove_held(self) -> PriorInformation:
+        """Return the same equations of the parameters that are not held."""
+        if self.held is None:
+            return self
+        where = self.is_held
+        return PriorInformation(self.factor[:, ~where], self.right - self.factor[:, where] @ self.held[where])
+
+    def restore_held(self, values: FloatArray) -> FloatArray:
+        """Return all parameters (c,), of which `values` are those that are not held."""
+        if self.held is None:
+            return values
+        whole = self.held.copy()
+        whole[~self.is_held] = values
+        return whole
 
     def compute_products(self, columns: IndexArray, squares: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute what the equations add to normal equations of some columns.
@@ -55,8 +91,9 @@ class PriorInformation:
         columns : (b,)
             Numbers of the columns; those that are beyond the c parameters are in none of the equations.
         squares : (b,)
-            Sum of squares of each column in the data. An equation that is far more certain than all data counts as
-            `_CERTAIN` times these: normal equations would lose what the data say of other columns in rounding.
+            Sum of squares of each column in the data. A held parameter, or an equation that is far more certain than
+            all data, counts as `_CERTAIN` times these: normal equations would lose what the data say of other columns
+            in rounding.
 
         Returns
         -------
@@ -69,7 +106,11 @@ class PriorInformation:
         shares = np.divide(factor**2, _CERTAIN * squares, out=np.zeros_like(factor), where=squares > 0.0)
         scale = 1.0 / np.sqrt(np.maximum(shares.max(axis=1, initial=0.0), 1.0))
         factor *= scale[:, None]
-        return factor.T @ factor, factor.T @ (self.right * scale)
+        weights, values = np.zeros(len(columns)), np.zeros(len(columns))
+        if self.held is not None:
+            weights[own] = np.where(self.is_held[columns[own]], _CERTAIN * squares[own], 0.0)
+            values[own] = np.nan_to_num(self.held[columns[own]])
+        return factor.T @ factor + np.diag(weights), factor.T @ (self.right * scale) + weights * values
 
 
 def build_prior(values: FloatArray, covariance: FloatArray, columns: IndexArray, n_columns: int) -> PriorInformation:

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import KnownNames
 from dynident.estimation.triangular_factors import Reduction
 from dynident.number_format import format_percent
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class Errors(KnownNames):
     """How well parameters explain a data set, equation by equation.
 
     Parameters

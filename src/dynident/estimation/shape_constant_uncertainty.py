@@ -112,15 +112,20 @@ def _build_prior_and_noise(
     b, k = len(solution.values), len(ranges)
     # Each range is an equation change = 0 with the range as its standard deviation: it binds only constants that the
     # data leave open.
-    range_prior = PriorInformation(np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)]), np.zeros(k))
+    ranges_alone = np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)])
     before = solution.known
-    if before is not None:
+    held = None
+    if before is not None and before.held is not None:
+        held = np.concatenate([before.held, np.full(k, np.nan)])
+    if before is not None and before.has_rows:
         wide = np.hstack([before.factor, np.zeros((len(before.right), k))])
-        return PriorInformation(wide, before.right).combine_with(range_prior), solution.noise
+        right = np.concatenate([before.right, np.zeros(k)])
+        return PriorInformation(np.vstack([wide, ranges_alone]), right, held), solution.noise
     # Rows count for as much as they are worth as independent samples; how they weigh among each other stays.
     noise, counts = solution.noise, reduction.row_counts
     doubt = compute_correlated_noise(reduction.select_columns(np.arange(b)), solution.values)
     size = float(np.sum(counts * noise**2))
+    range_prior = PriorInformation(ranges_alone, np.zeros(k), held)
     return range_prior, noise * float(np.sqrt(np.sum(counts * doubt**2) / size)) if size > 0 else noise
 
 

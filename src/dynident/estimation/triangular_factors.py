@@ -234,6 +234,19 @@ class Reduction:
         """Return the same data with combined columns: W' = W weights, weights (c, c')."""
         return Reduction(weights.shape[1], tuple(e.combine_columns(weights) for e in self.equations), self.spans)
 
+    def move_columns(self, values: FloatArray, remaining: BoolArray) -> Reduction:
+        """Return the same data with Y - W values for Y, and only the columns that remain, both (c,)."""
+        numbers = np.cumsum(remaining) - 1
+        equations = []
+        for equation in self.equations:
+            own = np.flatnonzero(remaining[equation.columns])
+            k = len(equation.columns)
+            change = np.zeros((k + 1, len(own) + 1))
+            change[own, np.arange(len(own))], change[k, -1] = 1.0, 1.0
+            change[:k, -1] = -values[equation.columns]
+            equations.append(equation.mix_columns(change, numbers[equation.columns[own]]))
+        return Reduction(int(remaining.sum()), tuple(equations), self.spans)
+
     def weight_groups(self, weights: FloatArray) -> Reduction:
         """Return the same data, with squared residuals of weighted rows multiplied by `weights` (n,), by equation."""
         pairs = zip(self.equations, weights, strict=True)

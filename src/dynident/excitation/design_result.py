@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from dynident.array_types import FloatArray, IntArray
+from dynident.errors import KnownNames
 from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.excitation.design_request import DesignRequest
@@ -79,7 +80,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class Design(KnownNames):
     """A verified experiment: samples at the sampling rate, from home to home.
 
     Parameters

@@ -1,6 +1,6 @@
 """Priors: normal from the robot's description or of single known parameters, or an entropic one on bodies.
 
-Holds when a description is impossible or a placeholder, so that it gives no prior.
+Holds when a description is impossible or a placeholder, so that it gives no prior, and what may be known by name.
 
 From the normal prior on standard parameters follows one on base parameters.
 
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NoReturn
 
 import numpy as np
 
@@ -40,11 +41,6 @@ from dynident.robot.pseudo_inertia import (
 )
 from dynident.robot.robot_model import INERTIAL_NAMES, Robot
 
-# Standard deviation of a known value that is given without one, as a share of it or of the parameter's usual size. No
-# weight expresses certainty, and this one is lost beside any measurement.
-_EXACT = 1e-6
-# Below so many standard deviations a known parameter moves nothing: it is rounding.
-_MOVED = 1e-3
 # Of a link's parameters those that no body has below zero.
 _NEVER_NEGATIVE = ("XX", "YY", "ZZ", "M")
 # Share of the largest singular value below which a combination has no error of its own but rounding.
@@ -282,14 +278,32 @@ def build_prior(model: Model, trust: DescriptionTrust) -> PriorInformation | Non
     DynidentError
         Where the description gives no inertias, gives placeholders or impossible ones, or a free link does not exist.
     """
-    if trust.prior is None and not trust.known:
-        return None
-    if trust.prior is not None:
-        check_description(model.robot.tree, trust.free_links)
+    known = _build_known(model, trust.known)
+    if trust.prior is None:
+        return known
+    check_description(model.robot.tree, trust.free_links)
     belief = build_normal_prior(model, trust)
     if trust.of_bodies:
         belief = build_entropic_prior(model, trust.error, belief).approximate_at(belief, belief.mean)
-    return split_prior(model, belief).base
+    described = split_prior(model, belief).base
+    return described if known is None else known.combine_with(described)
+
+
+def _build_known(model: Model, known: Sequence[tuple[str, float, float]]) -> PriorInformation | None:
+    """Return base parameters that are known: held exactly, or as rows where they have a standard deviation."""
+    names, b = [column.name for column in model.kept], model.n_parameters
+    places = [(names.index(name), value, error) for name, value, error in known if name in names]
+    if not places:
+        return None
+    uncertain = [(k, value, error) for k, value, error in places if error > 0]
+    factor, right = np.zeros((len(uncertain), b)), np.zeros(len(uncertain))
+    for row, (k, value, error) in enumerate(uncertain):
+        factor[row, k], right[row] = 1.0 / error, value / error
+    held = np.full(b, np.nan)
+    for k, value, error in places:
+        if error == 0:
+            held[k] = value
+    return PriorInformation(factor, right, None if np.isnan(held).all() else held)
 
 
 def check_description(robot: Robot, free_links: Sequence[str]) -> None:
@@ -390,26 +404,11 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
             size[k] = rotors[robot.joint_names.index(column.link)]
         elif role == "load":
             size[k] = errors[robot.joint_names.index(column.link), _get_payload_parameter(column)]
-    return _state_known(model, NormalPrior(mean, size, stated), trust)
-
-
-def _state_known(model: Model, belief: NormalPrior, trust: DescriptionTrust) -> NormalPrior:
-    """Return a belief with the values of single parameters that are known, as far as the model has them."""
-    if not trust.known:
-        return belief
-    numbers = {column.name: k for k, column in enumerate(model.columns)}
-    mean, size, stated, errors = belief.mean.copy(), belief.size.copy(), belief.stated.copy(), belief.size.copy()
-    for name, value, error in trust.known:
-        if name in numbers:
-            k = numbers[name]
-            mean[k], size[k], stated[k] = value, max(size[k], abs(value)), True
-            errors[k] = error or _EXACT * size[k]
-    # The sizes stay orders of magnitude, which estimators scale parameters by.
-    return NormalPrior(mean, size, stated, np.diag(errors))
+    return NormalPrior(mean, size, stated)
 
 
 def check_known(model: Model, known: Mapping[str, float]) -> None:
-    """Raise where a known parameter is none of the model, or a mass, a moment of inertia or friction below zero.
+    """Raise where a known parameter is not one that the model lists, or a mass, inertia or friction below zero.
 
     Parameters
     ----------
@@ -421,27 +420,30 @@ def check_known(model: Model, known: Mapping[str, float]) -> None:
     Raises
     ------
     DynidentError
-        Names the parameter, and those that there are.
+        Names the parameter, and those that there are; of a standard parameter, those that contain it.
     """
-    columns = {column.name: column for column in model.columns}
-    names = list(columns)
+    columns, listed = {column.name: column for column in model.columns}, [column.name for column in model.kept]
     for name, value in known.items():
-        if name not in names:
+        if name not in listed:
+            if name in columns:
+                _refuse_grouped(model, name, list(columns).index(name))
             raise DynidentError(
-                f"the model has no parameter {name!r}{suggest_names(name, names)}; its parameters are: "
-                f"{', '.join(names)}",
+                f"the model has no parameter {name!r}{suggest_names(name, listed)}; its parameters are: "
+                f"{', '.join(listed)}",
                 pointer="/known",
                 title="Unknown parameter",
             )
-        role, parameter = get_role(columns[name]), columns[name].parameter
-        if value < 0 and (role == "rotor" or (role == "link" and parameter in _NEVER_NEGATIVE)):
+        row = listed.index(name)
+        parts = [(model.columns[k], weight) for k, weight in enumerate(model.base.grouping[row]) if weight != 0]
+        # A sum may be negative as soon as one of its terms may.
+        if value < 0 and all(weight > 0 and _is_never_negative(column) for column, weight in parts):
             raise DynidentError(
                 f"the known {name} is {value:g}, but no mass and no moment of inertia is below zero; give the value of "
                 "a body that can exist",
                 pointer="/known",
                 title="Impossible value",
             )
-        if value < 0 and role in FRICTION_ROLES and has_plain_friction(model):
+        if value < 0 and has_plain_friction(model) and all(get_role(column) in FRICTION_ROLES for column, _ in parts):
             raise DynidentError(
                 f"the known {name} is {value:g}, but friction below zero would drive the motion; check the sign of the "
                 "value",
@@ -466,31 +468,20 @@ def has_plain_friction(model: Model) -> bool:
     return all(choice.effect in _PLAIN for choice in model.effects)
 
 
-def list_unused(model: Model, trust: DescriptionTrust) -> list[str]:
-    """List known parameters that determine no base parameter: the motion shows them only in sums with unknown ones.
+def _refuse_grouped(model: Model, name: str, column: int) -> NoReturn:
+    sums = [
+        f"{model.kept[row].name} = {model.base.groupings[row]}" for row in np.flatnonzero(model.base.written[:, column])
+    ]
+    shown = f"the motion shows it only in {'; '.join(sums)}" if sums else "no motion shows it"
+    remedy = "give known the value of the whole sum, or leave it out" if sums else "leave it out of known"
+    raise DynidentError(
+        f"{name} is not a parameter by itself: {shown}; {remedy}", pointer="/known", title="Grouped parameter"
+    )
 
-    Parameters
-    ----------
-    model : Model
-        The model, with its base parameters' columns.
-    trust : DescriptionTrust
-        Prior from the description, if any, and the known parameters.
 
-    Returns
-    -------
-    list of str
-        Names, each with the sums that it is in: "Ia1 (in ZZ1 + Ia1)".
-    """
-    belief, names = build_normal_prior(model, trust), [column.name for column in model.columns]
-    factor = split_prior(model, belief).base.factor
-    unused = []
-    for k in (names.index(name) for name, _, _ in trust.known if name in names):
-        # How many standard deviations a change of the usual size moves what is known of the base parameters.
-        moved = belief.size[k] * np.linalg.norm(factor @ model.base.grouping[:, k])
-        if moved < _MOVED:
-            sums = [model.base.groupings[row] for row in np.flatnonzero(model.base.written[:, k])]
-            unused.append(f"{names[k]} (in {', '.join(sums)})" if sums else names[k])
-    return unused
+def _is_never_negative(column: Column) -> bool:
+    role = get_role(column)
+    return role == "rotor" or (role == "link" and column.parameter in _NEVER_NEGATIVE)
 
 
 def _get_payload_parameter(column: Column) -> int:

@@ -98,9 +98,10 @@ class IdentificationChoices(Request):
         Share by which the description's inertias are usually off (`robot.pseudo_inertia`, and for the prior
         description_entropic `identification.description_prior`).
     known : mapping of str to float
-        Single parameters that are known, by their names in the model, in SI units.
+        Parameters that are known, by their names in the model's table, in SI units: a base parameter has its value,
+        which is that of the whole sum that the table writes out. It is held exactly, with a standard deviation of 0.
     known_errors : mapping of str to float
-        Standard deviations of known values; the others are taken as exact.
+        Standard deviations of known values, which are then weighed against the data.
     pole : float or None
         The a of [12.29] in rad/s, for the filtered model; None where the data decide.
     interval : float or None
@@ -144,12 +145,13 @@ class IdentificationChoices(Request):
         label="Error of the description",
     )
     known: Mapping[str, float] = declare_field(
-        "Single parameters that are known, by name, in SI units: a motor's inertia from its data sheet as Ia3",
+        "Parameters held at a known value, by their names in the model's table, in SI units: a motor's inertia from "
+        "its data sheet as Ia3",
         made_by=dict,
         label="Known parameters",
     )
     known_errors: Mapping[str, float] = declare_field(
-        "Standard deviations of known parameters, by name; without one a value is exact",
+        "Standard deviations of known parameters, by name; without one a value is held exactly",
         made_by=dict,
         above=0,
         label="Errors of known parameters",
@@ -253,7 +255,7 @@ class IdentificationChoices(Request):
         return self.weigh_turns and self.model == "dynamic" and self.solver.weighs_turns
 
     def keep_known(self, columns: Iterable[Column]) -> IdentificationChoices:
-        """Return the choices with what is known of the parameters of these columns alone."""
+        """Return the choices with what is known of the base parameters of these columns alone."""
         names = {column.name for column in columns}
         known, errors = (
             {name: number for name, number in numbers.items() if name in names}

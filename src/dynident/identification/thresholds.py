@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval"]
+ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval", "held"]
 
 
 def judge_parameter(value: float, deviation: float, half_width: float, owed: bool) -> ParameterJudgement:
@@ -57,6 +57,11 @@ NOTABLE_DRIFT, LARGEST_DRIFT = 0.25, 0.5
 """Distance of a simulation without a controller from the recorded motion within half a second, over the way that the
 joint makes: above half, staying where one is would be about as good. First models of a UR10e are at 0.18, of a dVRK and
 a Gen3 at 0.15; a TX40 with a coupled wrist at 0.43, and what is not positive definite diverges."""
+
+LOAD_AND_GAINS = (
+    "A gain that is 5 % off makes the load 5 % wrong, which no standard deviation shows: weigh a known load first."
+)
+"""What makes the identified mass of a load wrong while its fit is good: torque and load scale together."""
 
 STOP = 0.5
 """Held-out error above which something else is wrong than a missing effect: the model is not to be used."""

@@ -48,7 +48,7 @@ def format_choice(choice: EffectChoice, all_joints: Sequence[str]) -> str:
 
 
 def describe_condition_number(identification: Identification) -> str:
-    """Return the equilibrated condition number of W and what it means."""
+    """Return the scaled condition number of W, with columns of equal size, and what it means."""
     value = format_number(identification.equilibrated_condition_number)
     return f"{value} ({CONDITION_MEANING})"
 
@@ -121,6 +121,7 @@ PARAMETER_JUDGEMENTS: Mapping[ParameterJudgement, MarkedText] = MappingProxyType
         "determined": MarkedText("✓ determined", "ok"),
         "uncertain": MarkedText("! uncertain", "warning"),
         "zero_in_interval": MarkedText("0 in interval", "plain"),
+        "held": MarkedText("held", "plain"),
     }
 )
 """Words and mark for the judgement of a parameter by its interval."""

@@ -91,8 +91,9 @@ def list_error_kinds(identification: Identification) -> list[ErrorKind]:
 
 RATIO = "held out over fit"
 _ERROR_NOTES = (
-    "Relative errors are ‖y − ŷ‖ / ‖y‖ of the filtered, decimated torque: where the joint moves, and on all rows. At "
-    "standstill, only the distance to the range of static friction counts.",
+    "Relative errors are ‖y − ŷ‖ / ‖y‖ of the filtered, decimated torque: where the joint moves, and on all rows. The "
+    "rms is that of rows where it moves, without reversals and standstills. At standstill, only the distance to the "
+    "range of static friction counts.",
     "The noise floor is the residual that the torque sensor's noise alone causes; no model can be better than 1 times "
     "the floor.",
     "No held-out data was given: the errors of the fit are smaller than those on other data.",
@@ -116,7 +117,7 @@ def build_error_table(
     columns = ["joint"]
     rows = [[Cell(joint)] for joint in (*joints, "all joints")]
     for kind in kinds:
-        columns += [", ".join(filter(None, (kind.name, words))) for words in ("rms", "moving", "all rows")]
+        columns += [", ".join(filter(None, (kind.name, words))) for words in ("rms moving", "moving", "all rows")]
         for j, unit in enumerate(units):
             rows[j] += _build_error_cells(kind, j, unit)
         totals = (kind.moving.relative_total, kind.all_rows.relative_total)
@@ -273,7 +274,7 @@ def build_quality_table(
             Cell(str(len(determined))),
             Cell(f"{sum(determined)} of them determined by the data"),
         ),
-        (Cell("condition number of W"), make_number_cell(condition_number), Cell(CONDITION_MEANING)),
+        (Cell("scaled condition number of W"), make_number_cell(condition_number), Cell(CONDITION_MEANING)),
         make_text_cells(
             "equations",
             f"{n_equations:,}".replace(",", NARROW_SPACE),

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.errors import KnownNames
 from dynident.recordings.recording_metadata import Check, Windows
 from dynident.text_encoding import escape_surrogates
 
@@ -191,7 +192,7 @@ class SampleSource(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Recording(KnownNames):
     """A checked recording in SI units and the robot's joint order, uniformly sampled within each segment.
 
     Parameters
@@ -252,6 +253,9 @@ class Recording:
             f"Recording({self.name}: {self.n} joints, {self.n_samples} samples at {self.sampling_rate:.4g} Hz, "
             f"{self.n_samples * self.period:.4g} s{runs})"
         )
+
+    def __len__(self) -> int:
+        return self.n_samples
 
     @property
     def n(self) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, KnownNames
 from dynident.robot.description_formats import BASE_JOINTS, BaseKind, DescriptionFormat
 from dynident.robot.joint import Contact, Joint
 from dynident.robot.limits_and_drives import Drive
@@ -89,7 +89,7 @@ class Description:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(KnownNames):
     """A tree of joints on a base that is fixed, or that moves by coordinates of its own (`BASE_JOINTS`).
 
     Where some joints follow others, `joints` are the driven ones alone, which data, drives and limits refer to;

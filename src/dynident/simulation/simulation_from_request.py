@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import LINKS, EffectChoice, get_effect
+from dynident.effects import LINKS, Column, EffectChoice, get_effect, get_role
 from dynident.effects.effect_columns import find_joints
 from dynident.effects.predicted_torque_expressions import COULOMB, ROTOR_INERTIA, VISCOUS
 from dynident.errors import DynidentError
@@ -199,6 +199,39 @@ def build_standard_parameters(robot: Robot, values: Mapping[str, float]) -> Stan
         else:
             inertias[joint, INERTIAL_NAMES.index(kind)] = value
     return StandardParameters(inertias, tuple(effects))
+
+
+def compute_true_parameters(robot: Robot, request: SimulationRequest, columns: Sequence[Column]) -> FloatArray:
+    """Return the values that the parameters of columns have in a virtual robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    request : SimulationRequest
+        The virtual robot.
+    columns : sequence of Column
+        Columns of a model of it.
+
+    Returns
+    -------
+    (c,) array
+        Standard parameters in the columns' order; 0 for effects that the virtual robot does not have.
+    """
+    inertias, joints = select_inertias(robot, request.inertias), robot.tree.joint_names
+    acting: dict[tuple[str, str, str], float] = {}
+    for effect in request.effects:
+        for name, value in effect.values:
+            key = (effect.effect, effect.joint, name)
+            acting[key] = acting.get(key, 0.0) + value
+    return np.array(
+        [
+            inertias[joints.index(column.link), INERTIAL_NAMES.index(column.parameter)]
+            if get_role(column) == "link"
+            else acting.get((column.effect, column.link, column.parameter), 0.0)
+            for column in columns
+        ]
+    )
 
 
 def _split_name(robot: Robot, name: str, pointer: str) -> tuple[str, int]:

@@ -398,7 +398,7 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
     links = [
         parameter
         for parameter in parameters
-        if parameter.effect == LINKS.effect and parameter.judgement != "zero_in_interval"
+        if parameter.effect == LINKS.effect and parameter.judgement not in ("zero_in_interval", "held")
     ]
     sure = sum(parameter.judgement == "determined" for parameter in links)
     if not links or sure < _LEAST_DETERMINED * len(links):

@@ -80,7 +80,7 @@ class CurrentParameterView(TypedDict):
     """As a sum of base parameters"""
     interval: tuple[float | None, float | None]
     """Holds the true value in 95 of 100 cases"""
-    judgement: Literal["determined", "uncertain", "zero_in_interval"]
+    judgement: Literal["determined", "uncertain", "zero_in_interval", "held"]
     name: str
     standard_deviation: float | None
     unit: str
@@ -266,7 +266,7 @@ class ParameterView(TypedDict):
     """As a sum of standard parameters"""
     interval: tuple[float | None, float | None]
     """Holds the true value in 95 of 100 cases"""
-    judgement: Literal["determined", "uncertain", "zero_in_interval"] | None
+    judgement: Literal["determined", "uncertain", "zero_in_interval", "held"] | None
     """From its 95 % interval: determined (standard deviation at most a tenth of the value, and mainly from the data),
     uncertain, or not distinguishable from zero"""
     link: str

@@ -20,7 +20,7 @@ from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, EstimationError, PriorInformation, Reduction, solve_weighted
+from dynident.estimation import Errors, EstimationError, Reduction, solve_weighted
 from dynident.estimation.least_squares import compute_noise_levels
 from dynident.estimation.outlying_spans import OUTLYING_RATIO
 from dynident.identification import Identification, IdentificationChoices
@@ -341,7 +341,7 @@ def _solve_with(problem: Problem, columns: Sequence[int]) -> FloatArray | None:
     """Return the parameters (c,) that fit best with some of the columns, 0 for the others; None without a solution."""
     own, training, known = list(columns), problem.data.torque, problem.known
     if known is not None:
-        known = PriorInformation(known.factor[:, own], known.right)
+        known = known.select_columns(own)
     parameters = np.zeros(training.n_columns)
     try:
         parameters[own] = solve_weighted(training.select_columns(own), known).values

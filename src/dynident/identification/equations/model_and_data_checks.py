@@ -35,11 +35,15 @@ def find_undetermined_parameters(
         Rows of a prior, in the model's columns.
     """
     units = np.array([_get_row_unit(equation, known) for equation in reduction.equations])
-    factor = build_weighted_factor(reduction, units, known)[:-1, :-1]
+    # A parameter that is held needs no data.
+    own = np.arange(reduction.n_columns) if known is None else np.flatnonzero(~known.is_held)
+    factor = build_weighted_factor(reduction, units, known)[:-1, :-1][:, own]
     norms = np.linalg.norm(factor, axis=0)
     largest = float(norms.max(initial=0.0))
     lost = norms <= _TINY * largest
-    names = [column.name for column in model.kept]
+    names = [model.kept[k].name for k in own]
+    if not len(names):
+        return []
     # Columns of zeros first: the scaling below would divide by their norms.
     if lost.any() or largest == 0.0:
         return [names[k] for k in np.flatnonzero(lost)]
@@ -55,7 +59,7 @@ def _get_row_unit(equation: EquationFactors, known: PriorInformation | None) -> 
     """Return the unit that rows are counted in: 1 N m where nothing stands beside them, else the size of the torque."""
     # Rms of the torque: the norm of its column of the factor over the root of the number of rows.
     size = float(np.linalg.norm(equation.whole_factor[:, -1])) / max(float(equation.counts.sum()), 1.0) ** 0.5
-    return 1.0 if known is None or size == 0 else size
+    return 1.0 if known is None or not known.has_rows or size == 0 else size
 
 
 def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: Sequence[Recording]) -> None:

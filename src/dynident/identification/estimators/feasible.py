@@ -82,7 +82,8 @@ def solve_feasible(request: Problem) -> Fit:
     speeds = find_resisting_speeds(model, data.speeds)
     problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean), speeds)
     # Beside a prior rows count as information: correlated ones must not count as independent samples.
-    levels = compute_noise_levels if known is None else compute_correlated_noise
+    is_weighed = known is not None and known.has_rows
+    levels = compute_correlated_noise if is_weighed else compute_noise_levels
     noise = unconstrained.noise
     converged = False
     for _ in range(_ROUNDS):

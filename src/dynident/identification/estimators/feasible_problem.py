@@ -14,6 +14,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, Solution
 from dynident.estimation.constrained_least_squares import (
     ConstrainedSolution,
+    EqualityConstraints,
     InfeasibleError,
     MatrixBound,
     solve_constrained,
@@ -123,7 +124,9 @@ class FeasibleProblem:
 
     def to_base_parameters(self, constrained: ConstrainedSolution) -> FloatArray:
         """Return the base parameters (b,) of a solution."""
-        return np.asarray(self.grouping @ constrained.values)
+        values = self.grouping @ constrained.values
+        # The solver's rounding must not show in parameters that are held.
+        return np.asarray(values if self.known is None else self.known.restore_held(values[~self.known.is_held]))
 
     def build_rows(
         self, noise: FloatArray, known: PriorInformation | None, rest: FloatArray
@@ -197,8 +200,9 @@ class FeasibleProblem:
     def _solve_with_bounds(
         self, rows: FloatArray, right: FloatArray, bounds: Sequence[MatrixBound]
     ) -> ConstrainedSolution:
+        equations = self._build_held_equations()
         try:
-            constrained = solve_constrained(rows, right, bounds, self.not_negative)
+            constrained = solve_constrained(rows, right, bounds, self.not_negative, equations)
         except InfeasibleError as error:
             raise DynidentError(
                 f"no physically feasible parameters were found: {error.detail}",
@@ -206,11 +210,23 @@ class FeasibleProblem:
                 title=error.title,
             ) from error
         # Where no constraint is active, return plain least squares: the semidefinite solver is less exact.
-        return (
-            constrained
-            if len(constrained.held)
-            else replace(constrained, values=np.asarray(np.linalg.lstsq(rows, right)[0]))
-        )
+        if constrained.zeros or constrained.edges:
+            return constrained
+        start: FloatArray = np.zeros(rows.shape[1])
+        moving: FloatArray = np.eye(rows.shape[1])
+        if equations is not None:
+            start = np.asarray(np.linalg.lstsq(equations.factor, equations.right)[0])
+            moving = compute_null_space(equations.factor)
+        step = np.linalg.lstsq(rows @ moving, right - rows @ start)[0]
+        return replace(constrained, values=np.asarray(start + moving @ step))
+
+    def _build_held_equations(self) -> EqualityConstraints | None:
+        """Return the equations of u that hold base parameters at known values."""
+        if self.known is None or self.known.held is None:
+            return None
+        where = self.known.is_held
+        sizes = np.linalg.norm(self.written[where], axis=1)
+        return EqualityConstraints(self.written[where] / sizes[:, None], self.known.held[where] / sizes)
 
     def find_free_directions(self, constrained: ConstrainedSolution) -> FloatArray | None:
         """Return the directions (b, f) in which base parameters can move while the active constraints stay active.
@@ -227,7 +243,10 @@ class FeasibleProblem:
         reached = singular > _NULL * max(float(singular.max(initial=0.0)), np.finfo(float).tiny)
         if int(np.count_nonzero(reached)) == len(size):
             return None
-        return np.asarray(directions[:, reached] * size[:, None])
+        free = directions[:, reached] * size[:, None]
+        if self.known is not None:
+            free[self.known.is_held] = 0.0
+        return np.asarray(free)
 
     def to_standard_parameters(self, constrained: ConstrainedSolution) -> StandardParameters:
         """Return the standard parameters with their standard deviations."""
@@ -256,7 +275,7 @@ def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: S
     # Only where the prior is one of bodies: the others are a normal distribution.
     entropic = build_entropic_prior(model, trust.error, belief) if trust.of_bodies else None
     sized = replace(belief, size=_estimate_sizes(model, belief, unconstrained))
-    return StandardPrior(sized, trust.prior is not None or bool(trust.known), entropic)
+    return StandardPrior(sized, trust.prior is not None, entropic)
 
 
 def build_problem(

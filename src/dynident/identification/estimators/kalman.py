@@ -12,7 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Signals, build_columns
 from dynident.effects.usual_effect_sizes import get_slowest_velocity
 from dynident.errors import DynidentError
@@ -34,6 +34,7 @@ from dynident.estimation.kalman_filter import (
     KalmanFilter,
     KalmanNoise,
     KalmanSample,
+    TorqueModel,
     TorqueSlopes,
     compute_recursive_statistics,
 )
@@ -109,6 +110,18 @@ class TorqueFunction:
         )
 
 
+class _TorqueBesideHeld:
+    """Torque as a function of the parameters that are not held at known values."""
+
+    def __init__(self, torque: TorqueModel, known: PriorInformation) -> None:
+        self._torque, self._known, self._estimated = torque, known, ~known.is_held
+
+    def __call__(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, values: FloatArray) -> TorqueSlopes:
+        """Evaluate at q, dq, ddq (n,) with the estimated parameters (f,)."""
+        slopes = self._torque(q, dq, ddq, self._known.restore_held(values))
+        return replace(slopes, by_parameters=slopes.by_parameters[:, self._estimated])
+
+
 # Factor on the torque noise of a joint that stands still with friction: its torque tells nothing.
 _TELLS_NOTHING = 1e6
 # The filter has diverged where squared innovations are so many times the expected ones in so many samples in a row; or
@@ -146,14 +159,12 @@ class KalmanRun:
     surprise: float
 
 
-def run_filter(
-    torque: TorqueFunction, model: Model, data: Data, start: PriorInformation, noise: KalmanNoise
-) -> KalmanRun:
+def run_filter(torque: TorqueModel, model: Model, data: Data, start: PriorInformation, noise: KalmanNoise) -> KalmanRun:
     """Let a filter that begins with a prior on χ run through the recordings.
 
     Parameters
     ----------
-    torque : TorqueFunction
+    torque : TorqueModel
         The torque with its derivatives.
     model : Model
         The model, with its base parameters' columns.
@@ -196,7 +207,7 @@ class _FilterPass:
     """State of the filter on its pass through the recordings, and the record of its parameters."""
 
     def __init__(
-        self, torque: TorqueFunction, model: Model, data: Data, start: PriorInformation, noise: KalmanNoise
+        self, torque: TorqueModel, model: Model, data: Data, start: PriorInformation, noise: KalmanNoise
     ) -> None:
         self._torque, self._model, self._data, self._noise = torque, model, data, noise
         # The prior is given as rows; their solution is the mean, the inverse of their normal matrix the covariance.
@@ -357,14 +368,17 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
         Where an effect has no place in the filter, the data do not determine the parameters, or the filter diverges.
     """
     model, data, known = problem.model, problem.data, problem.known
-    torque = TorqueFunction(model)
+    torque: TorqueModel = TorqueFunction(model)
+    estimated = np.ones(model.n_parameters, dtype=bool)
+    if known is not None and known.held is not None:
+        torque, estimated = _TorqueBesideHeld(torque, known), ~known.is_held
     # The filter is linearised at a filtered acceleration, so there has to be a position filter.
     if data.preprocessing.position_cutoff is None:
         data = replace(data, preprocessing=choose_preprocessing(data.recordings))
     initial = _solve_beginning(model, data, known)
     run = run_filter(torque, model, data, initial.known, estimate_noise(data, initial.residual))
-    values = run.values[-1]
-    before, after = (compute_errors(data.torque, chi).relative_total for chi in (run.values[0], values))
+    first, values = (chi if known is None else known.restore_held(chi) for chi in (run.values[0], run.values[-1]))
+    before, after = (compute_errors(data.torque, chi).relative_total for chi in (first, values))
     # Written so that an error that is no number counts as divergence.
     if not after <= _WORSE * before + _ALLOWED:
         raise divergence_error(
@@ -372,21 +386,27 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
             f"{format_percent(before, decimals=1)}"
         )
     noise = compute_noise_levels(data.equations, values)
-    solution = Solution(values, noise, build_weighted_factor(data.equations, noise, known)[:-1, :-1], known)
+    free = None if estimated.all() else np.eye(len(values))[:, estimated]
+    solution = Solution(values, noise, build_weighted_factor(data.equations, noise, known)[:-1, :-1], known, free)
     # Every instant has two rows, of the torque and of the position. As the acceleration is unknown, they are worth one.
-    uncertainty = compute_recursive_statistics(run.rows, values, initial.known)
+    uncertainty = compute_recursive_statistics(run.rows, run.values[-1], initial.known)
     worth = 0.5 * uncertainty.effective_rows
-    uncertainty = Statistics(uncertainty.covariance, worth, noise, compute_row_freedom(worth, len(values)))
-    late = _count_changing(run, uncertainty)
+    covariance, freedom = np.zeros((len(values), len(values))), np.full(len(values), np.inf)
+    covariance[np.ix_(estimated, estimated)] = uncertainty.covariance
+    freedom[estimated] = compute_row_freedom(worth, int(estimated.sum()))
+    uncertainty = Statistics(covariance, worth, noise, freedom)
+    late = _count_changing(run, uncertainty.standard_deviations[estimated])
     return Fit(
-        replace(solution, converged=not late), uncertainty, _list_warnings(run, uncertainty, initial.share, late)
+        replace(solution, converged=not late),
+        uncertainty,
+        _list_warnings(run, uncertainty, initial.share, late, estimated),
     )
 
 
-def _count_changing(run: KalmanRun, uncertainty: Statistics) -> int:
+def _count_changing(run: KalmanRun, deviations: FloatArray) -> int:
     """Return how many parameters changed by more than a standard deviation over the last tenth of the data."""
     before = run.values[int(0.9 * len(run.times))]
-    change = np.abs(run.values[-1] - before) / np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny)
+    change = np.abs(run.values[-1] - before) / np.maximum(deviations, np.finfo(float).tiny)
     return int(np.count_nonzero(change > 1.0))
 
 
@@ -448,23 +468,28 @@ def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -
                 raise
     # The filter needs a covariance of full rank, which one from blocks of time may not have.
     uncertainty = statistics(beginning, solution, "by_joint")
-    c = len(solution.values)
-    start = build_prior(solution.values, uncertainty.covariance * _DOUBT**2, np.arange(c), c)
+    estimated = ~solution.is_held
+    c = int(estimated.sum())
+    covariance = uncertainty.covariance[np.ix_(estimated, estimated)]
+    start = build_prior(solution.values[estimated], covariance * _DOUBT**2, np.arange(c), c)
     if known is not None:
         # Widening divides the prior's rows by the factor, too. Adding this much of them gives them their full weight
         # again.
         undoubted = np.sqrt(1.0 - 1.0 / _DOUBT**2)
-        start = start.combine_with(PriorInformation(undoubted * known.factor, undoubted * known.right))
+        rows = known.remove_held()
+        start = start.combine_with(PriorInformation(undoubted * rows.factor, undoubted * rows.right))
     return _FilterStart(share, start, uncertainty.noise)
 
 
-def _list_warnings(run: KalmanRun, uncertainty: Statistics, share: float, changing: int) -> tuple[str, ...]:
+def _list_warnings(
+    run: KalmanRun, uncertainty: Statistics, share: float, changing: int, estimated: BoolArray
+) -> tuple[str, ...]:
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
     sentences = [
         f"The Kalman filter used the first {format_percent(share, decimals=0)} of the data for its initial values, and "
         f"processed {run.times[-1]:.1f} s. Its standard deviations are "
-        f"{np.median(uncertainty.standard_deviations / own):.2g} times those of its own covariance (median), which "
-        "assumes that its residuals are white noise of the expected size.",
+        f"{np.median(uncertainty.standard_deviations[estimated] / own):.2g} times those of its own covariance "
+        "(median), which assumes that its residuals are white noise of the expected size.",
     ]
     if changing:
         sentences.append(

@@ -65,7 +65,7 @@ def estimate_robustly(problem: Problem) -> Fit:
     # Against a prior, correlated rows must not count as independent samples: their noise is raised to what they are
     # worth.
     share = np.ones(len(first.noise))
-    if known is not None:
+    if known is not None and known.has_rows:
         share = compute_correlated_noise(data.equations, first.values) / compute_noise_levels(
             data.equations, first.values
         )

@@ -5,6 +5,7 @@ The algorithms and their thresholds are in estimation/.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,6 @@ from dynident.errors import DynidentError
 from dynident.estimation import (
     CovarianceName,
     Errors,
-    PriorInformation,
     Reduction,
     Solution,
     Statistics,
@@ -286,7 +286,9 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
     own, known = larger.model, _list_known(smaller)
     assumed = set(_list_known(larger))
     keys = [column.key for column in own.columns]
+    names = [column.name for column in own.kept]
     strangers = [column.name for column in smaller.model.columns if column.key not in keys]
+    strangers += [name for name in known if name not in names]
     if strangers or not assumed <= set(known):
         missing = ", ".join(strangers or sorted(assumed - set(known)))
         raise DynidentError(
@@ -298,7 +300,7 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         )
     present = {column.key for column in smaller.model.columns}
     tested = {name: pair for name, pair in known.items() if name not in assumed}
-    free = [k for k, column in enumerate(own.columns) if column.key in present and column.name not in tested]
+    free = [k for k, column in enumerate(own.columns) if column.key in present]
     equations, kind = larger.data.equations, larger.choices.covariance
     # Essential parameters are least squares without the weights of rows, and the others have no deviation.
     if larger.choices.solver.robust and not larger.estimate.not_essential:
@@ -307,12 +309,15 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         full = _solve_plainly(larger)
         uncertainty = statistics(equations, full, kind)
     # Parameters in units of their standard deviations: kg and kg m² would not compare.
-    deviations = np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny)
+    deviations = np.where(full.is_held, 1.0, np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny))
     grouping = own.base.grouping / deviations[:, None]
     reached = grouping[:, free]
     sizes = np.linalg.norm(reached, axis=0)
     # Functions of the parameters that nothing in the smaller model can change.
     functions = compute_null_space((reached / np.where(sizes > 0, sizes, 1.0)).T).T
+    # Parameters that the smaller model knows, each a condition of its own.
+    fixed = np.eye(len(deviations))[[names.index(name) for name in tested]]
+    n_zero, functions = len(functions), np.vstack([functions, fixed])
     if not len(functions):
         raise DynidentError(
             "both models have the same parameters, so there is nothing to test",
@@ -321,20 +326,59 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
         )
     covariance = functions @ (uncertainty.covariance / np.outer(deviations, deviations)) @ functions.T
     values = functions @ (full.values / deviations)
-    for k, column in enumerate(own.columns):
-        if column.name in tested:
-            value, error = tested[column.name]
-            moved = functions @ grouping[:, k]
-            values = values - value * moved
-            covariance = covariance + error**2 * np.outer(moved, moved)
-    blocks = int(find_occupied_blocks(equations).sum())
-    if kind != "by_time_and_joints" or blocks < FEWEST_CLUSTERS:
-        return compute_wald_test(values, covariance, float(uncertainty.freedom.min()))
+    for row, (name, (value, error)) in enumerate(tested.items(), n_zero):
+        unit = deviations[names.index(name)]
+        values[row] -= value / unit
+        covariance[row, row] += (error / unit) ** 2
+    return _test_conditions(larger, values, covariance, float(uncertainty.freedom.min()))
+
+
+def compute_test_of_values(identification: Identification, values: Mapping[str, float]) -> WaldTest:
+    """Test whether parameters of a model have given values, all at once.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model; its own estimates and their covariance are tested.
+    values : mapping of str to float
+        Values of base parameters by name.
+
+    Returns
+    -------
+    WaldTest
+        F test of the estimates minus these values; Hotelling's with a covariance over blocks of time.
+
+    Raises
+    ------
+    DynidentError
+        For a parameter that was not estimated, or too few blocks of time.
+    """
+    names, uncertainty = [column.name for column in identification.model.kept], identification.statistics
+    tested = [names.index(name) for name in values]
+    fixed = [names[k] for k in tested if uncertainty.standard_deviations[k] == 0]
+    if fixed:
+        raise DynidentError(
+            f"{', '.join(fixed)} was held or set and not estimated, so there is nothing to test",
+            pointer="values",
+            title="Not estimated",
+        )
+    difference = identification.values[tested] - np.array(list(values.values()), dtype=np.float64)
+    covariance = uncertainty.covariance[np.ix_(tested, tested)]
+    return _test_conditions(identification, difference, covariance, float(uncertainty.freedom[tested].min()))
+
+
+def _test_conditions(
+    identification: Identification, values: FloatArray, covariance: FloatArray, freedom: float
+) -> WaldTest:
+    """Test whether functions of estimates are zero, with the degrees of freedom that their covariance is known with."""
+    blocks = int(find_occupied_blocks(identification.data.equations).sum())
+    if identification.choices.covariance != "by_time_and_joints" or blocks < FEWEST_CLUSTERS:
+        return compute_wald_test(values, covariance, freedom)
     if blocks <= len(values):
         raise DynidentError(
             f"the recordings have {blocks} blocks of time, too few to test {len(values)} conditions at once; record "
             "longer, or compare errors on held-out data",
-            pointer="restricted",
+            pointer="values",
             title="Too little data",
         )
     return compute_wald_test(values, covariance, blocks - 1.0, from_blocks=True)
@@ -441,7 +485,7 @@ def _solve_essential(
     known = full.known
     if known is not None:
         # Parameters that are set to zero drop out of the rows of the prior as well.
-        known = PriorInformation(known.factor[:, essential], known.right)
+        known = known.select_columns(essential)
     smaller = equations.select_columns(essential)
     solution = solve(smaller, full.noise, known)
     return solution, statistics(smaller, solution, covariance)

@@ -34,6 +34,7 @@ from dynident.identification.thresholds import (
     DETERMINED,
     EQUATIONS_PER_PARAMETER,
     LARGEST_CONDITION_NUMBER,
+    LOAD_AND_GAINS,
     OVERFIT,
 )
 from dynident.number_format import format_percent
@@ -92,6 +93,7 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     sentences += _warn_of_overfit(identification)
     sentences += _warn_of_friction_signs(identification)
     sentences += _warn_of_missing_torque(identification)
+    sentences += _warn_of_load(identification)
     sentences += [OF_COMMANDS] if identification.data.from_commands else []
     # Effects that dissolved in others are still in the torque, but have no parameter of their own.
     absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed_columns]
@@ -109,6 +111,12 @@ def _warn_of_no_links(identification: Identification) -> list[str]:
         f"The model has no links: its effects are {', '.join(dict.fromkeys(chosen))} alone. To add to the usual "
         f"effects ({', '.join(choice.effect for choice in DEFAULT_EFFECTS)}), name default as well."
     ]
+
+
+def _warn_of_load(identification: Identification) -> list[str]:
+    """Say what the mass of a load rests on."""
+    loads = [column.name for column in identification.model.kept if get_role(column) == "load"]
+    return [f"{', '.join(loads)}: a load is only as right as the drive gains. {LOAD_AND_GAINS}"] if loads else []
 
 
 def _warn_of_missing_torque(identification: Identification) -> list[str]:

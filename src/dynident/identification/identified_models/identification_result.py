@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, get_role
 from dynident.effects.effect_text_format import format_constant
+from dynident.errors import KnownNames
 from dynident.estimation import (
     Errors,
     Solution,
@@ -45,7 +46,7 @@ _EXACT = 1e-12
 
 
 @dataclass(frozen=True)
-class IdentifiedParameter:
+class IdentifiedParameter(KnownNames):
     """One base parameter with its uncertainty.
 
     Parameters
@@ -61,8 +62,8 @@ class IdentifiedParameter:
     relative_standard_deviation : float
         The standard deviation over the value, a fraction.
     judgement : str
-        "determined" by the data, "uncertain" (also where it is known from elsewhere rather than from the data), or
-        "zero_in_interval".
+        "determined" by the data, "uncertain" (also where it is known from elsewhere rather than from the data),
+        "zero_in_interval", or "held" at a known value, with a standard deviation of 0.
     times_smallest : float
         Its relative standard deviation over the smallest one of all, which §12.7 wants below ten.
     effect : str
@@ -204,9 +205,10 @@ class Estimate(Deferring):
     @property
     def parameters(self) -> tuple[IdentifiedParameter, ...]:
         """The base parameters in the order of the model."""
-        relative = self.statistics.relative_standard_deviations(self.values)
+        held = self.solution.is_held
+        relative = np.where(held, 0.0, self.statistics.relative_standard_deviations(self.values))
         # A parameter that a prior fixes exactly has no deviation; dividing by it would make all others infinite.
-        smallest = max(float(np.min(relative, initial=inf)), _EXACT)
+        smallest = max(float(np.min(relative[~held], initial=inf)), _EXACT)
         deviations = self.statistics.standard_deviations
         # Half-widths by Student's t: few independent samples give wider intervals than a normal distribution.
         half = self.statistics.half_widths()
@@ -217,7 +219,9 @@ class Estimate(Deferring):
                 unit=column.unit,
                 standard_deviation=float(deviations[k]),
                 relative_standard_deviation=float(relative[k]),
-                judgement=judge_parameter(
+                judgement="held"
+                if held[k]
+                else judge_parameter(
                     float(self.values[k]), float(deviations[k]), float(half[k]), bool(self.owed_to_known[k])
                 ),
                 times_smallest=float(relative[k] / smallest),

@@ -470,7 +470,11 @@ def describe_slow_motion(parameters: Sequence[IdentifiedParameter]) -> str | Non
         A sentence; None where the motion shows inertia, or gravity is not determined either.
     """
     inertias, moments = (
-        [parameter.judgement == "determined" for parameter in parameters if parameter.unit == unit]
+        [
+            parameter.judgement == "determined"
+            for parameter in parameters
+            if parameter.unit == unit and parameter.judgement != "held"
+        ]
         for unit in (_INERTIA, _FIRST_MOMENT)
     )
     if not inertias or not any(moments) or sum(inertias) >= LEAST_DETERMINED * len(inertias):

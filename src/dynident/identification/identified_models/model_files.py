@@ -103,6 +103,8 @@ def _to_arrays(identification: Identification) -> dict[str, Any]:
         arrays[f"carried{number}"] = carried.inertias
     if estimate.solution.known is not None:
         arrays["known_rows"] = estimate.solution.known.rows
+        if estimate.solution.known.held is not None:
+            arrays["known_held"] = estimate.solution.known.held
     if estimate.solution.free is not None:
         arrays["free"] = estimate.solution.free
     if estimate.standard is not None:
@@ -277,7 +279,8 @@ def _read_step(header: Mapping[str, Any], parent: Identification | None) -> Ladd
 def _read_solution(arrays: Mapping[str, Any], converged: bool) -> Solution:
     known = None
     if "known_rows" in arrays:
-        known = PriorInformation(arrays["known_rows"][:, :-1], arrays["known_rows"][:, -1])
+        rows = arrays["known_rows"]
+        known = PriorInformation(rows[:, :-1], rows[:, -1], arrays.get("known_held"))
     free = arrays.get("free")
     return Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"], known, free, converged)
 

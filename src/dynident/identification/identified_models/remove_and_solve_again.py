@@ -70,7 +70,7 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         model, weights = build_submodel(known, choices.effects, choices.tolerance)
         part, data = SubmodelRelation(known, weights), data.combine_columns(weights)
     # The filters are those that the reduced data went through, whatever the choices leave open.
-    chosen = replace(choices.keep_known(model.columns), preprocessing=identification.choices.preprocessing)
+    chosen = replace(choices.keep_known(model.kept), preprocessing=identification.choices.preprocessing)
     identified = finalise_identification(
         model,
         chosen,
@@ -312,7 +312,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     remaining = subtract_effects(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=remaining)
     model, weights = build_submodel(known, remaining, choices.tolerance)
-    smaller = solve_submodel(identification, model, choices.keep_known(model.columns), weights)
+    smaller = solve_submodel(identification, model, choices.keep_known(model.kept), weights)
     return smaller.with_changes(step=LadderStep(identification, removed=tuple(removed)))
 
 

@@ -10,7 +10,7 @@ from scipy.special import stdtr
 from dynident.errors import DynidentError
 from dynident.estimation.least_squares import EstimationError, solve_weighted
 from dynident.estimation.parameter_covariance import find_prior_dominated, statistics
-from dynident.identification.description_prior import build_prior, list_unused
+from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.model_and_data_checks import STANDING_SHOWS_NO_MASS
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
@@ -96,16 +96,10 @@ def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
 
 
 def _doubt_known(choices: IdentificationChoices, problem: Problem) -> list[str]:
-    """Return warnings about known parameters that change nothing, and about those that the data contradict."""
+    """Return warnings about known parameters that the data contradict."""
     model, trust = problem.model, choices.trust
-    names = [column.name for column in model.columns]
-    unused = list_unused(model, trust)
-    warnings = []
-    if unused:
-        warnings.append(
-            f"Known values that change no parameter: {'; '.join(unused)}. The motion shows only these sums, of which "
-            "other parts are unknown. Links of an export have the known values where bodies with them can exist."
-        )
+    names = [column.name for column in model.kept]
+    warnings: list[str] = []
     try:
         without = build_prior(model, replace(trust, known=()))
         free = solve_weighted(problem.data.equations, without)
@@ -114,13 +108,8 @@ def _doubt_known(choices: IdentificationChoices, problem: Problem) -> list[str]:
         # Without the known values the data determine too little to contradict them.
         return warnings
     for name, value, error in trust.known:
-        alone = build_prior(model, replace(trust, prior=None, known=((name, value, error),)))
-        if alone is None or not len(alone.factor):
-            continue
-        # The one row is the parameter over its standard deviation.
-        scale = float(alone.factor[0] @ model.base.grouping[:, names.index(name)])
-        estimate = float(alone.factor[0] @ free.values) / scale
-        deviation = float(np.sqrt(alone.factor[0] @ certainty.covariance @ alone.factor[0])) / abs(scale)
+        estimate = float(free.values[names.index(name)])
+        deviation = float(certainty.standard_deviations[names.index(name)])
         distance = abs(estimate - value) / float(np.hypot(deviation, error))
         if 2.0 * float(stdtr(certainty.median_freedom, -distance)) < _CONTRADICTED:
             warnings.append(
