@@ -9,12 +9,13 @@ from dynident.diagnosis.candidates import inner_product_accumulation, products_o
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import (
     FoldedFits,
+    JointBlocks,
     compute_contributions,
     score_candidates,
     score_folds,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks, RowErrors
+from dynident.diagnosis.candidates.products_of_scored_pairs import RowErrors
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
@@ -35,8 +36,8 @@ def gathered(expected: int) -> Products:
         row_block = np.sort(random.integers(0, STRETCHES, 70)) if piece else np.arange(70) % STRETCHES
         rows = [random.normal(size=(70, len(columns) + 1)) for columns in having]
         moving = random.random((70, JOINTS)) < 0.7
-        collected.push(row_block, rows, (moving, ~moving))
-    (moving_stacks, counts), (others, _) = collected.finish(STRETCHES)
+        collected.push(row_block, [own.T for own in rows], (moving, ~moving))
+    (moving_stacks, counts), (others, _) = collected.finish(np.arange(STRETCHES))
     position = []
     for columns in having:
         where = np.full(COLUMNS, -1)
@@ -77,8 +78,8 @@ def test_several_kinds_of_folds_at_once_give_what_each_gives_by_itself(expected,
     )
     fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, BASE, CANDIDATES), NOISE, kinds)
     scores, contributions = score_folds(data, fits, CANDIDATES, NOISE)
-    # Every block of both kinds of rows of a joint is read twice, to fit and to score, however many kinds of folds ask.
-    assert sum(read) == (2 * 2 * JOINTS * STRETCHES if expected > 1 else 0)
+    # Every block of both kinds of rows of a joint is read once, to fit and to score, however many kinds of folds ask.
+    assert sum(read) == (2 * JOINTS * STRETCHES if expected > 1 else 0)
     for (before, each), kind in zip(scores, kinds, strict=True):
         alone, theirs = score_candidates(data, BASE, CANDIDATES, NOISE, kind)
         np.testing.assert_allclose(before, alone, rtol=1e-9)
@@ -128,8 +129,8 @@ def test_rows_of_many_joints_are_kept_as_long_as_they_are_fewer_than_their_produ
         collected = RowAccumulator([width] * n_joints, 1, blocks)
         row_block = np.repeat(np.arange(blocks), n_rows)
         rows = [random.normal(size=(len(row_block), width + 1)) for _ in range(n_joints)]
-        collected.push(row_block, rows, [np.ones((len(row_block), n_joints), dtype=bool)])
-        ((stacks, _),) = collected.finish(blocks)
+        collected.push(row_block, [own.T for own in rows], [np.ones((len(row_block), n_joints), dtype=bool)])
+        ((stacks, _),) = collected.finish(np.arange(blocks))
         return {type(stack) for stack in stacks}
 
     monkeypatch.setattr(inner_product_accumulation, "_MOST_PRODUCTS", 5 * (width + 1) ** 2 * blocks)
@@ -151,12 +152,41 @@ def test_rows_are_read_some_blocks_at_a_time_and_joints_that_a_candidate_leaves_
     data = Products(tuple((stack,) for stack in stacks), tuple(position), counts, run)
     candidates = [Candidate("offset", (), (), (k,)) for k in range(4, 8)]
     whole = score_candidates(data, BASE, candidates, np.ones(2), "interleaved")
-    adjusted = []
+    read, leave_rest = [], RowErrors._leave_rest
     monkeypatch.setattr(products_of_scored_pairs, "_MOST_VALUES", 100)
-    monkeypatch.setattr(RowErrors, "_compute_adjusted_errors", lambda *asked: adjusted.append(asked))
+    monkeypatch.setattr(
+        RowErrors, "_leave_rest", lambda errors, *asked: read.append(asked[0]) or leave_rest(errors, *asked)
+    )
     pieces = score_candidates(data, BASE, candidates, np.ones(2), "interleaved")
-    assert not adjusted
+    assert len(read) > 2
+    assert {tuple(changed) for changed in read} == {(0, 1), (2, 3)}
     np.testing.assert_allclose(pieces[0], whole[0], rtol=1e-12)
     for mine, other, joint in zip(pieces[1], whole[1], (0, 0, 1, 1), strict=True):
         np.testing.assert_allclose(mine.after, other.after, rtol=1e-9)
         np.testing.assert_array_equal(mine.after[:, 1 - joint], mine.before[:, 1 - joint])
+
+
+def test_a_joint_that_stands_in_all_blocks_changes_no_score():
+    random, row_block = np.random.default_rng(3), np.repeat(np.arange(STRETCHES), 20)
+    moving = RowStack(random.normal(size=(len(row_block), 6)), row_block, STRETCHES)
+    standing = RowStack(np.zeros((0, 6)), row_block[:0], STRETCHES)
+    position, run = np.arange(5), np.zeros(STRETCHES, dtype=np.intp)
+    candidates = [Candidate("offset", (), (), (4,))]
+    alone, both = (
+        score_candidates(
+            Products(
+                tuple((stack,) for stack in stacks),
+                (position,) * len(stacks),
+                np.full((STRETCHES, len(stacks)), 20.0),
+                run,
+            ),
+            BASE,
+            candidates,
+            np.ones(len(stacks)),
+            "interleaved",
+        )
+        for stacks in ((moving,), (moving, standing))
+    )
+    np.testing.assert_array_equal(both[0][:, 0], alone[0][:, 0])
+    np.testing.assert_array_equal(both[1][0].after[:, 0], alone[1][0].after[:, 0])
+    assert not both[1][0].after[:, 1].any()

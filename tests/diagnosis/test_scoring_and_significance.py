@@ -16,13 +16,13 @@ from support.scored_candidates import judged
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import (
+    JointBlocks,
     Score,
     compute_contributions,
     compute_deviations,
     compute_held_out_errors,
     score_candidates,
 )
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     ScoredCandidate,
     are_indistinguishable,

@@ -120,21 +120,13 @@ class OwnColumns:
     ----------
     candidates : (r,)
         Numbers of the candidates.
-    amplitudes : (e,)
-        Numbers of the amplitudes, candidate by candidate.
-    columns : (e,)
-        Their columns among the x.
-    ends : (r + 1,)
-        Where the amplitudes of each candidate end.
-    count : int
-        Number of columns x.
+    layers : tuple of ((l,), (l,), (l,))
+        The first columns of all candidates, the second ones of those that have two, and so on: places of the candidates
+        among these r, numbers of the amplitudes, and columns among the x.
     """
 
     candidates: IndexArray
-    amplitudes: IndexArray
-    columns: IndexArray
-    ends: IndexArray
-    count: int
+    layers: tuple[tuple[IndexArray, IndexArray, IndexArray], ...]
 
     @classmethod
     def from_places(cls, place: IndexArray, count: int, portions: Sequence[Batch]) -> OwnColumns:
@@ -142,18 +134,10 @@ class OwnColumns:
         columns, ends = _list_entries(portions)
         amplitudes = np.flatnonzero(place[columns] < count)
         owner = np.searchsorted(ends, amplitudes, side="right") - 1
-        candidates, counts = np.unique(owner, return_counts=True)
-        own_ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
-        return cls(candidates, amplitudes, place[columns[amplitudes]], own_ends, count)
-
-    def combine(self, amplitudes: Amplitudes, x: FloatArray) -> FloatArray:
-        """Return the columns (r, m) of the candidates, each combined into one, from those of the joint (x, m)."""
-        values = amplitudes.values[self.amplitudes]
-        # A single candidate is asked more quickly without a matrix.
-        if len(self.candidates) == 1:
-            return np.asarray(values @ x[self.columns])[None]
-        shape = len(self.candidates), self.count
-        return np.asarray(scipy.sparse.csr_array((values, self.columns, self.ends), shape=shape) @ x)
+        candidates, firsts, owner = np.unique(owner, return_index=True, return_inverse=True)
+        rank = np.arange(len(owner)) - firsts[owner]
+        layers = [np.flatnonzero(rank == k) for k in range(int(rank.max(initial=-1)) + 1)]
+        return cls(candidates, tuple((owner[k], amplitudes[k], place[columns[amplitudes[k]]]) for k in layers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +157,7 @@ class Pairs:
     size : int
         Number of products within candidates, all portions in a row.
     squares, own : (d,)
-        Places of the squares of columns, and the columns that they are of.
+        Places of the squares of columns of candidates with one, and these columns.
     several : tuple of _SharedColumns
         Places of the products of candidates with several columns.
     """
@@ -202,9 +186,10 @@ class Pairs:
             places = place[portion.columns]
             has = places < n_columns
             flat = start + np.arange(places.size * k).reshape(-1, k, k)
-            squares.append(np.einsum("gkk->gk", flat)[has])
-            own.append(places[has])
             counts = has.sum(axis=1)
+            is_single = has & (counts == 1)[:, None]
+            squares.append(np.einsum("gkk->gk", flat)[is_single])
+            own.append(places[is_single])
             # Candidates that share a number of columns are multiplied at once, as a stack of small matrices.
             for p in sorted(set(counts[counts > 1].tolist())):
                 members = np.flatnonzero(counts == p)
@@ -214,15 +199,6 @@ class Pairs:
                 several.append(_SharedColumns(places[rows, which], where))
             start += places.size * k
         return cls(start, np.concatenate(squares), np.concatenate(own), tuple(several))
-
-    def compute_products(self, x: FloatArray) -> FloatArray:
-        """Return the products (size,) of columns x (c, m)."""
-        products = np.zeros(self.size)
-        products[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]
-        for group in self.several:
-            columns = x[group.columns]
-            products[group.where] = columns @ columns.transpose(0, 2, 1)
-        return products
 
 
 # Ridge on the model's equations with unit columns, on those of a candidate, and share of the largest eigenvalue below
@@ -234,26 +210,17 @@ _ROUNDING = 1e-12
 
 
 class JointSums(NamedTuple):
-    """Sums of one joint over blocks, of the w columns of the model and the x of the candidates that it has.
+    """Sums of one joint over cells of blocks, of the w columns of the model and the x of the candidates that it has.
 
     Parameters
     ----------
-    ww : (w, w)
-        WᵀW.
-    wx : (w, x)
-        WᵀX.
-    wy : (w,)
-        Wᵀy.
-    xy : (x,)
-        Xᵀy.
-    xx : (products,)
+    products : (cells, w + 1, w + 1 + x)
+        Products of W and Y with W, Y and X.
+    xx : (cells, pairs)
         XᵀX within candidates, all portions in a row.
     """
 
-    ww: FloatArray
-    wx: FloatArray
-    wy: FloatArray
-    xy: FloatArray
+    products: FloatArray
     xx: FloatArray
 
 

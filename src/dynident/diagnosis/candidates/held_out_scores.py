@@ -10,19 +10,133 @@ inner products that are computed once. Candidates with equally many columns are 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import reduce
+from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
-from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlock, JointBlocks, ProductBlock, RowBlock
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
+from dynident.diagnosis.candidates.fold_fit import (
+    Amplitudes,
+    Batch,
+    FoldFit,
+    ProductSums,
+    list_extra_columns,
+    split_batches,
+    split_by_portion,
+)
+from dynident.diagnosis.candidates.products_of_scored_pairs import (
+    JointBlock,
+    JointErrors,
+    JointPiece,
+    ProductBlock,
+    RowBlock,
+)
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, RowStack, number_folds, order_by_folds
+from dynident.estimation import PriorInformation
 
 # Difference from one below which a direction lies in the span of others.
 _SPANNED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class JointBlocks:
+    """Rows or products of all joints, for a model and candidates beside it.
+
+    Parameters
+    ----------
+    base : (b,)
+        Columns of the model.
+    n_extra : int
+        Number of columns c of the candidates.
+    n_blocks : int
+        Number of blocks.
+    portions : tuple of Batch
+        The candidates, by number of columns.
+    joints : tuple of JointBlock
+        Rows or products of each joint.
+    known : PriorInformation or None
+        What is known of the model's parameters beside the data.
+    """
+
+    base: IndexArray
+    n_extra: int
+    n_blocks: int
+    portions: tuple[Batch, ...]
+    joints: tuple[JointBlock, ...]
+    known: PriorInformation | None
+
+    @classmethod
+    def from_products(cls, data: Products, base: IndexArray, candidates: Sequence[Candidate]) -> JointBlocks:
+        """Take what is needed to score candidates beside a model."""
+        extra = list_extra_columns(candidates)
+        portions = split_batches(candidates, extra)
+        joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))
+        return cls(np.asarray(base, dtype=np.intp), len(extra), data.n_blocks, portions, joints, data.known)
+
+    def select_blocks(self, blocks: IndexArray) -> JointBlocks:
+        """Return the same for some of the blocks."""
+        joints = tuple(joint.select_blocks(blocks) for joint in self.joints)
+        return replace(self, n_blocks=len(blocks), joints=joints)
+
+    def fit_model(self, sums: ProductSums) -> FoldFit:
+        """Fit the model to the rows of some blocks, given their sums, and to what is known beside them."""
+        return FoldFit(sums if self.known is None else sums.add_known(self.known, self.base), self.portions)
+
+    def fit_amplitudes(self, fit: FoldFit) -> Amplitudes:
+        """Fit the parameters of each candidate beside the model."""
+        each = tuple(fit.fit_amplitudes(number) for number in range(len(self.portions)))
+        return Amplitudes(self.portions, each, fit.projection)
+
+    def sum_products(self, noise: FloatArray) -> ProductSums:
+        """Return the sums over all blocks and joints, each joint in units of its noise (n,)."""
+        return self.sum_cells(noise, np.zeros(self.n_blocks, dtype=np.intp), np.ones((1, 1)))[0]
+
+    def sum_cells(self, noise: FloatArray, cells: IndexArray, members: FloatArray) -> list[ProductSums]:
+        """Return the sums over several sets of cells.
+
+        Parameters
+        ----------
+        noise : (n,)
+            Standard deviation of the noise of each joint, N m or N.
+        cells : (s,)
+            Number of the cell of each block; ascending.
+        members : (sets, cells)
+            One for the cells of each set, zero for others.
+        """
+        f, b, c = len(members), len(self.base), self.n_extra
+        ww, wx, wy, xy = np.zeros((f, b, b)), np.zeros((f, b, c)), np.zeros((f, b)), np.zeros((f, c))
+        xx = np.zeros((f, sum(portion.columns.size * portion.width for portion in self.portions)))
+        for block, sigma in zip(self.joints, noise, strict=True):
+            # Rows of a joint count by the inverse of the variance of its noise, as in the fit of the model.
+            by_cell = block.sum_products(cells)
+            products, own_xx = (np.tensordot(members / sigma**2, each, 1) for each in by_cell)
+            w, have = len(block.have), block.have
+            has = np.flatnonzero(block.place < products.shape[2] - w - 1)
+            ww[:, have[:, None], have] += products[:, :w, :w]
+            wx[:, have[:, None], has] += products[:, :w, w + 1 :]
+            wy[:, have] += products[:, :w, w]
+            xy[:, has] += products[:, w, w + 1 :]
+            xx += own_xx
+        within = [split_by_portion(own, self.portions) for own in xx]
+        return [ProductSums(*sums) for sums in zip(ww, wx, wy, xy, within, strict=True)]
+
+    def read_pieces(self) -> Iterator[tuple[int, slice, JointPiece]]:
+        """Yield joint, blocks, and their rows or products, some blocks at a time."""
+        for joint, block in enumerate(self.joints):
+            for where, piece in block.read_pieces():
+                yield joint, where, piece
+
+
+def _build_block(
+    data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
+) -> JointBlock:
+    # Rows are used as they are where all of them are at hand; one kind in products makes products of all.
+    stacks = [stack for stack in data.stacks[joint] if isinstance(stack, RowStack)]
+    if len(stacks) == len(data.stacks[joint]):
+        return RowBlock.from_stacks(stacks, data.position[joint], (base, extra), portions, data.n_blocks)
+    return ProductBlock.from_products(data, joint, base, extra, portions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,50 +179,39 @@ class FoldedFits:
         The fit to all blocks.
     fits : tuple of tuple of FoldFit
         The fit without each fold, by kind.
-    cells : tuple of ((b,), tuple of int)
-        Blocks that are in the same fold in every kind, ascending, and the numbers of these folds.
+    folds : (kinds, s)
+        The fold that each block is in.
+    order : (s,)
+        Numbers of the blocks; those in the same fold of every kind follow one another.
     """
 
     blocks: JointBlocks
     whole: FoldFit
     fits: tuple[tuple[FoldFit, ...], ...]
-    cells: tuple[tuple[IndexArray, tuple[int, ...]], ...]
+    folds: IndexArray
+    order: IndexArray
 
     @classmethod
     def from_blocks(cls, data: Products, blocks: JointBlocks, noise: FloatArray, kinds: Sequence[str]) -> FoldedFits:
         """Fit all of them; every row is multiplied once, whatever the number of kinds."""
-        folds = [split_data_folds(data, kind) for kind in kinds]
-        cells = _cross_folds(folds, blocks.n_blocks)
-        sums = [blocks.select_blocks(own).sum_products(noise) for own, _ in cells]
-        total = reduce(ProductSums.add, sums)
-        fits = []
-        for k, each in enumerate(folds):
-            # Sums over the training blocks are those of all blocks minus those left out.
-            left_out = [
-                reduce(ProductSums.add, (own for own, (_, numbers) in zip(sums, cells, strict=True) if numbers[k] == n))
-                for n in range(len(each))
-            ]
-            fits.append(tuple(blocks.fit_model(total.subtract(own)) for own in left_out))
-        return cls(blocks, blocks.fit_model(total), tuple(fits), cells)
+        folds = number_folds(data.run, kinds)
+        order = order_by_folds(folds)
+        folds, ordered = folds[:, order], blocks.select_blocks(order)
+        # Cells are blocks that are in the same fold of every kind.
+        is_first = np.append(True, (np.diff(folds, axis=1) != 0).any(axis=0))
+        left_out = [own == number for own in folds[:, is_first] for number in range(own.max() + 1)]
+        members = np.array([np.ones(is_first.sum(), dtype=bool), *left_out], dtype=np.float64)
+        total, *sums = ordered.sum_cells(noise, np.cumsum(is_first) - 1, members)
+        # Sums over the training blocks are those of all blocks minus those left out.
+        fits = iter([blocks.fit_model(total.subtract(own)) for own in sums])
+        by_kind = tuple(tuple(islice(fits, int(own.max()) + 1)) for own in folds)
+        return cls(ordered, blocks.fit_model(total), by_kind, folds, order)
 
-    def read_cells(self) -> Iterator[tuple[int, IndexArray, JointBlock, tuple[FoldFit, ...]]]:
-        """Yield joint, blocks, their rows or products, and the fit without them by kind; rows are read once."""
-        for j, joint in enumerate(self.blocks.joints):
-            for own, numbers in self.cells:
-                fits = tuple(fits[n] for fits, n in zip(self.fits, numbers, strict=True))
-                yield j, own, joint.select_blocks(own).hold_rows(), fits
-
-
-def _cross_folds(
-    folds: Sequence[Sequence[IndexArray]], n_blocks: int
-) -> tuple[tuple[IndexArray, tuple[int, ...]], ...]:
-    """Return the blocks that are in the same fold in every kind, and the numbers of these folds."""
-    numbers = np.zeros((len(folds), n_blocks), dtype=np.intp)
-    for own, each in zip(numbers, folds, strict=True):
-        for k, fold in enumerate(each):
-            own[fold] = k
-    cells, member = np.unique(numbers, axis=1, return_inverse=True)
-    return tuple((np.flatnonzero(member.ravel() == k), tuple(cell.tolist())) for k, cell in enumerate(cells.T))
+    def read_errors(self) -> Iterator[tuple[int, IndexArray, tuple[JointErrors, ...]]]:
+        """Yield joint, blocks, and their errors in the fit to all blocks and by kind in those without their fold."""
+        kinds = [((self.whole,), np.zeros_like(self.order)), *zip(self.fits, self.folds, strict=True)]
+        for joint, where, piece in self.blocks.read_pieces():
+            yield joint, self.order[where], tuple(piece.compute_errors(fits, folds[where]) for fits, folds in kinds)
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
@@ -147,15 +250,14 @@ def score_folds(
     sums = np.zeros((s, blocks.n_extra))
     # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
-    amplitudes_of_fit = {fit: blocks.fit_amplitudes(fit) for each in fits.fits for fit in each}
-    for j, own, block, left_out in fits.read_cells():
+    amplitudes_of_fits = [[blocks.fit_amplitudes(fit) for fit in each] for each in fits.fits]
+    for j, own, (fitted, *held_out) in fits.read_errors():
         if len(members):
-            sums[own] += block.compute_errors(fits.whole).compute_scores() / noise[j] ** 2
-        for k, fit in enumerate(left_out):
-            errors = block.compute_errors(fit)
+            sums[own] += fitted.compute_scores() / noise[j] ** 2
+        for k, errors in enumerate(held_out):
             before[k][own, j] = errors.alone
             if len(members):
-                after[k][members[:, None], own, j] = errors.compute_errors_with(amplitudes_of_fit[fit])
+                after[k][members[:, None], own, j] = errors.compute_errors_with(amplitudes_of_fits[k])
     # What is reported of a candidate comes from all data; only its errors are held out.
     separability, amplitudes = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
@@ -189,8 +291,8 @@ def compute_contributions(
 def _compute_contributions(blocks: JointBlocks, fit: FoldFit, count: int, noise: FloatArray) -> list[FloatArray]:
     """Return the same as `compute_contributions` for `count` candidates, from blocks and the fit to them."""
     sums = np.zeros((blocks.n_blocks, blocks.n_extra))
-    for block, sigma in zip(blocks.joints, noise, strict=True):
-        sums += block.compute_errors(fit).compute_scores() / sigma**2
+    for joint, where, piece in blocks.read_pieces():
+        sums[where] += _compute_errors(piece, where, fit).compute_scores() / noise[joint] ** 2
     return _distribute_scores(fit, sums, count)
 
 
@@ -243,47 +345,12 @@ def compute_fitted_errors(
     fit = blocks.fit_model(blocks.sum_products(noise))
     amplitudes = blocks.fit_amplitudes(fit)
     before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
-    for j, block in enumerate(blocks.joints):
-        errors = block.compute_errors(fit)
-        before[:, j], after[:, j] = errors.alone, errors.compute_errors_with(amplitudes)[0]
+    for j, where, piece in blocks.read_pieces():
+        errors = _compute_errors(piece, where, fit)
+        before[where, j], after[where, j] = errors.alone, errors.compute_errors_with([amplitudes])[0]
     return before, after, float(fit.compute_separability(0)[0]), amplitudes.each[0][0]
 
 
-def compute_block_products(block: JointBlock, fit: FoldFit) -> tuple[FloatArray, ...]:
-    """Return ZᵀZ of every candidate on one joint, block by block; Z = X - W P is what the model leaves of its columns.
-
-    Returns
-    -------
-    tuple of (g, s, k, k)
-        One array for each portion of candidates with k columns each.
-    """
-    projection = fit.projection[block.have]
-    if isinstance(block, RowBlock):
-        has = np.flatnonzero(block.place < block.n_columns)
-        # Nothing is left of columns that neither the joint nor the model's parameters on it have a share in.
-        is_shared = np.asarray(projection.any(axis=0))
-        is_shared[has] = True
-        shared = np.flatnonzero(is_shared)
-        products = [np.zeros((len(own.members), len(block.blocks), own.width, own.width)) for own in fit.portions]
-        for rows in block.read_rows():
-            rest = np.zeros((len(is_shared), rows.w.shape[1]))
-            rest[shared] = -(projection[:, shared].T @ rows.w)
-            rest[has] += rows.x[block.place[has]]
-            for portion, own_products in zip(fit.portions, products, strict=True):
-                members = np.flatnonzero(is_shared[portion.columns].any(axis=1))
-                own = rest[portion.columns[members]]
-                pairs = own[:, :, None, :] * own[:, None, :, :]
-                own_products[members[:, None], np.arange(rows.blocks.start, rows.blocks.stop)] = rows.add_up(
-                    pairs
-                ).transpose(0, 3, 1, 2)
-        return tuple(products)
-    assert isinstance(block, ProductBlock)
-    products = []
-    for portion, pairs in zip(fit.portions, block.pairs, strict=True):
-        shift = projection[:, portion.columns].transpose(1, 0, 2)
-        # (XᵀW) P, column by column of the candidate.
-        mixed = np.einsum("sbgk,gbl->sgkl", block.wx[:, :, block.place[portion.columns]], shift)
-        inner = np.einsum("gbk,sbc,gcl->sgkl", shift, block.ww, shift, optimize=True)
-        whole = pairs - mixed - mixed.transpose(0, 1, 3, 2) + inner
-        products.append(whole.transpose(1, 0, 2, 3))
-    return tuple(products)
+def _compute_errors(piece: JointPiece, where: slice, fit: FoldFit) -> JointErrors:
+    """Return the errors in some blocks for one fit to all."""
+    return piece.compute_errors((fit,), np.zeros(where.stop - where.start, dtype=np.intp))

@@ -17,7 +17,16 @@ from typing import Any
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack, Stack
+from dynident.diagnosis.candidates.time_blocks_and_folds import (
+    KINDS,
+    Products,
+    ProductStack,
+    RowStack,
+    Stack,
+    number_folds,
+    order_by_folds,
+    split_runs,
+)
 from dynident.diagnosis.comparison.repeated_motion import Repeat, find_periods
 from dynident.effects import Signals
 from dynident.progress import Progress, ignore_progress
@@ -126,26 +135,34 @@ class RowAccumulator:
         # A block of more rows than columns has fewer products.
         self._capacities = [max(_MOST_ROWS, is_large * (width + 1)) * expected for width in widths]
 
-    def push(self, row_block: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
-        """Add rows of every joint."""
-        for j, (kinds, block) in enumerate(zip(self._joints, rows, strict=True)):
+    def push(self, row_block: IndexArray, columns: Iterable[FloatArray], used: Sequence[BoolArray]) -> None:
+        """Add rows of every joint, given column by column (p_j + 1, m): those of each kind (m, n) that are used."""
+        for j, (kinds, block) in enumerate(zip(self._joints, columns, strict=True)):
             for heap, mask in zip(kinds, used, strict=True):
-                own = mask[:, j]
-                heap.push(row_block[own], block if own.all() else block[own])
+                # A joint moves and stands for many rows: spans of these are copied at once.
+                for is_used, rows in split_runs(mask[:, j].astype(np.intp)):
+                    if is_used:
+                        heap.push(row_block[rows], block[:, rows])
             # Folding bounds the memory by the size of the products, however long the recordings are.
             if sum(heap.n_pending for heap in kinds) > self._capacities[j]:
                 _fold_kinds(kinds)
 
-    def finish(self, n_blocks: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
-        """Return the stacks of all joints and the numbers of rows (s, n), for every kind."""
+    def finish(self, order: IndexArray) -> list[tuple[tuple[Stack, ...], FloatArray]]:
+        """Return the stacks of all joints and the numbers of rows (s, n), for every kind.
+
+        Parameters
+        ----------
+        order : (s,)
+            All blocks, in the order in which rows are stored.
+        """
         for kinds in self._joints:
             # Once one kind of a joint is folded all are: a stack is either rows or products.
             if any(heap.is_folded for heap in kinds):
                 _fold_kinds(kinds)
         return [
             (
-                tuple(heap.stack(n_blocks) for heap in heaps),
-                np.stack([heap.counts(n_blocks) for heap in heaps], axis=1),
+                tuple(heap.stack(order) for heap in heaps),
+                np.stack([heap.counts(len(order)) for heap in heaps], axis=1),
             )
             for heaps in zip(*self._joints, strict=True)
         ]
@@ -173,17 +190,16 @@ class _JointAccumulator:
         """Whether any rows were replaced by their products."""
         return self._products is not None
 
-    def push(self, row_block: IndexArray, rows: FloatArray) -> None:
-        if len(rows):
-            first, last = self.n_pending, self.n_pending + len(rows)
-            if last > self._columns.shape[1]:
-                longer = np.empty((len(self._columns), max(2 * first, last)), dtype=self._columns.dtype)
-                longer[:, :first] = self._columns[:, :first]
-                self._columns = longer
-            self._columns[:, first:last] = rows.T
-            self._row_block.append(row_block)
-            self._count(row_block)
-            self.n_pending = last
+    def push(self, row_block: IndexArray, columns: FloatArray) -> None:
+        first, last = self.n_pending, self.n_pending + len(row_block)
+        if last > self._columns.shape[1]:
+            longer = np.empty((len(self._columns), max(2 * first, last)), dtype=self._columns.dtype)
+            longer[:, :first] = self._columns[:, :first]
+            self._columns = longer
+        self._columns[:, first:last] = columns
+        self._row_block.append(row_block)
+        self._count(row_block)
+        self.n_pending = last
 
     def _count(self, row_block: IndexArray) -> None:
         counts = np.bincount(row_block, minlength=len(self._counts)).astype(np.float64)
@@ -195,7 +211,7 @@ class _JointAccumulator:
         width = len(self._columns)
         if self._products is None:
             self._products = np.zeros((0, width, width))
-        columns, row_block = self._pop_pending()
+        columns, row_block = self._pop_pending(np.arange(len(self._counts)))
         # Room is made for all at once: zeros that nobody has written to take no memory.
         last = int(row_block[-1]) if len(row_block) else -1
         if len(self._products) <= last:
@@ -206,27 +222,28 @@ class _JointAccumulator:
                 exact = part.astype(np.float64, copy=False)
                 self._products[own[0]] += exact @ exact.T
 
-    def stack(self, n_blocks: int) -> Stack:
-        """Return all rows as a stack."""
+    def stack(self, order: IndexArray) -> Stack:
+        """Return all rows as a stack, with the blocks of rows in this order."""
         if self._products is not None:
-            return ProductStack(_resize(self._products, n_blocks))
-        columns, row_block = self._pop_pending()
-        return RowStack(columns.T, row_block, n_blocks)
+            return ProductStack(_resize(self._products, len(order)))
+        columns, row_block = self._pop_pending(order)
+        return RowStack(columns.T, row_block, len(order))
 
     def counts(self, n_blocks: int) -> FloatArray:
         """Return the number of rows (s,) of each block."""
         return np.pad(self._counts, (0, n_blocks - len(self._counts)))
 
-    def _pop_pending(self) -> tuple[FloatArray, IndexArray]:
-        """Return the pending rows, column by column, and their blocks, ascending, and forget them."""
+    def _pop_pending(self, order: IndexArray) -> tuple[FloatArray, IndexArray]:
+        """Return the pending rows, column by column, and their blocks, in this order, and forget them."""
         columns, row_block = self._columns[:, : self.n_pending], np.zeros(0, dtype=np.intp)
         if self._row_block:
             row_block = np.concatenate(self._row_block)
         self._columns, self._row_block, self.n_pending = np.empty((len(columns), 0), dtype=columns.dtype), [], 0
         # A periodic motion comes back to earlier blocks, so that rows do not come in the order of their blocks.
-        if (np.diff(row_block) < 0).any():
-            order = np.argsort(row_block, kind="stable")
-            columns, row_block = columns.take(order, axis=1), row_block[order]
+        rank = np.argsort(order)[row_block]
+        if (np.diff(rank) < 0).any():
+            rows = np.argsort(rank, kind="stable")
+            columns, row_block = columns.take(rows, axis=1), row_block[rows]
         return columns, row_block
 
 
@@ -422,7 +439,7 @@ def gather_products(
             partial_rows = phases.find_partial_rows(segment, samples.t, phase, samples.held)
             collected.push(
                 blocks.number_times(samples.t),
-                samples.stack_equations(layout),
+                samples.stack_columns(layout),
                 (phase == Phase.MOVING, phase == Phase.REVERSING, partial_rows),
             )
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
@@ -431,7 +448,7 @@ def gather_products(
     # Where a joint never sticks, what acts at low speeds shows at its reversals as well.
     turns = remembers_path(observation, signals) | (starts & free)
     run = blocks.list_runs()
-    (stacks, counts), turning, partial = collected.finish(len(run))
+    (stacks, counts), turning, partial = collected.finish(order_by_folds(number_folds(run, KINDS)))
     position = tuple(_locate_columns(columns, observation.n_columns) for _, columns in layout)
     moving = Products(tuple((stack,) for stack in stacks), position, counts, run, inputs.known)
     return PhasedProducts(moving, ConditionalRows(*turning, turns), ConditionalRows(*partial, starts))

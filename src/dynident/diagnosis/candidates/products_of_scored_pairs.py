@@ -5,16 +5,15 @@ Products of two candidates with each other are never needed, and there are very 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.fold_fit import (
     Amplitudes,
     Batch,
@@ -22,19 +21,15 @@ from dynident.diagnosis.candidates.fold_fit import (
     JointSums,
     OwnColumns,
     Pairs,
-    ProductSums,
-    list_extra_columns,
-    split_batches,
-    split_by_portion,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
     Products,
+    RowRuns,
     RowStack,
     find_present,
     locate_columns,
-    sum_by_block,
+    split_runs,
 )
-from dynident.estimation import PriorInformation
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,33 +87,60 @@ class ProductBlock:
         ww, wy = data.take_products(joint, wp[:, None], wp), data.take_products(joint, wp, y)
         return cls(have, place, ww, wx, wy, xy, data.take_products(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
 
-    def select_blocks(self, blocks: IndexArray) -> ProductBlock:
+    def select_blocks(self, blocks: IndexArray | slice) -> ProductBlock:
         """Return the same for some of the blocks."""
         ww, wx, wy, xy, yy = (products[blocks] for products in (self.ww, self.wx, self.wy, self.xy, self.yy))
         pairs = tuple(own[blocks] for own in self.pairs)
         return ProductBlock(self.have, self.place, ww, wx, wy, xy, yy, pairs, self.portions)
 
-    def hold_rows(self) -> ProductBlock:
-        """Return the same: what there is of the rows is at hand."""
-        return self
+    def read_pieces(self) -> Iterator[tuple[slice, ProductBlock]]:
+        """Yield everything at once: it is at hand."""
+        yield slice(0, len(self.yy)), self
 
-    def sum_products(self) -> JointSums:
-        """Return the sums over all blocks."""
-        return JointSums(
-            self.ww.sum(axis=0),
-            self.wx.sum(axis=0)[:, :-1],
-            self.wy.sum(axis=0),
-            self.xy.sum(axis=0)[:-1],
-            np.concatenate([np.zeros(0), *(pairs.sum(axis=0).ravel() for pairs in self.pairs)]),
+    def sum_products(self, cells: IndexArray) -> JointSums:
+        """Return the sums over the blocks of each cell; cells (s,) ascend."""
+        firsts = np.searchsorted(cells, np.arange(cells[-1] + 1))
+        ww, wx, wy, xy, yy = (
+            np.add.reduceat(each, firsts) for each in (self.ww, self.wx[:, :, :-1], self.wy, self.xy[:, :-1], self.yy)
         )
+        of_w = np.concatenate([ww, wy[:, :, None], wx], axis=2)
+        of_y = np.concatenate([wy, yy[:, None], xy], axis=1)[:, None]
+        nothing = np.zeros((len(firsts), 0))
+        within = [np.add.reduceat(pairs, firsts).reshape(len(firsts), -1) for pairs in self.pairs]
+        return JointSums(np.concatenate([of_w, of_y], axis=1), np.concatenate([nothing, *within], axis=1))
 
-    def compute_errors(self, fit: FoldFit) -> ProductErrors:
-        """Return the squared errors for a fit."""
-        return ProductErrors(self, fit)
+    def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> ProductErrors:
+        """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
+        return ProductErrors(self, fits, folds)
 
 
 class ProductErrors:
-    """One joint's squared errors in blocks, for a fit on others.
+    """One joint's squared errors in blocks, each for the fit of its fold."""
+
+    def __init__(self, block: ProductBlock, fits: Sequence[FoldFit], folds: IndexArray) -> None:
+        self._parts = [(fold, _ErrorsOfOneFit(block.select_blocks(own), fits[fold])) for fold, own in split_runs(folds)]
+
+    @cached_property
+    def alone(self) -> FloatArray:
+        """Squared errors (s,) of the model alone."""
+        return np.concatenate([part.alone for _, part in self._parts])
+
+    def compute_scores(self) -> FloatArray:
+        """Return the scores Zᵀρ (s, c) by block and column."""
+        return np.concatenate([part.compute_scores() for _, part in self._parts])
+
+    def compute_errors_with(self, amplitudes: Sequence[Amplitudes]) -> FloatArray:
+        """Return the squared errors (g, s) with each candidate, portion by portion."""
+        return np.concatenate([part.compute_errors_with(amplitudes[fold]) for fold, part in self._parts], axis=1)
+
+    def compute_squares(self) -> tuple[FloatArray, ...]:
+        """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
+        each = [part.compute_squares() for _, part in self._parts]
+        return tuple(np.concatenate(portion, axis=1) for portion in zip(*each, strict=True))
+
+
+class _ErrorsOfOneFit:
+    """One joint's squared errors in blocks, for one fit on others.
 
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
@@ -158,32 +180,25 @@ class ProductErrors:
             size -= 2 * own * np.einsum("sbg,bg->sg", block.wx[:, :, place], shift)
         return np.asarray(np.maximum(self.alone[:, None] - 2 * along + size, 0.0).T)
 
+    def compute_squares(self) -> tuple[FloatArray, ...]:
+        """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
+        block, products = self._block, []
+        for portion, pairs in zip(block.portions, block.pairs, strict=True):
+            shift = self._projection[:, portion.columns].transpose(1, 0, 2)
+            # (XᵀW) P, column by column of the candidate.
+            mixed = np.einsum("sbgk,gbl->sgkl", block.wx[:, :, block.place[portion.columns]], shift)
+            inner = np.einsum("gbk,sbc,gcl->sgkl", shift, block.ww, shift, optimize=True)
+            products.append((pairs - mixed - mixed.transpose(0, 1, 3, 2) + inner).transpose(1, 0, 2, 3))
+        return tuple(products)
+
 
 # Numbers of a joint's rows that are read at once: they stay in the cache.
 _MOST_VALUES = 2**17
 
 
-class JointRows(NamedTuple):
-    """Rows of one joint in some consecutive blocks, column by column, since a score takes some columns of all rows.
-
-    W of the model (w, m), X of the candidates (x, m), Y (m,), the place (m,) of each row's block among these, and the
-    slice of these among all blocks.
-    """
-
-    w: FloatArray
-    x: FloatArray
-    y: FloatArray
-    row_block: IndexArray
-    blocks: slice
-
-    def add_up(self, values: FloatArray) -> FloatArray:
-        """Sum values (..., m) by block (..., s)."""
-        return sum_by_block(values, self.row_block, self.blocks.stop - self.blocks.start)
-
-
 @dataclass(frozen=True, eq=False)
 class RowBlock:
-    """Which rows and columns of one joint a score takes; they are read when they are needed, and not kept.
+    """Which rows and columns of one joint a score takes; they are read when they are needed.
 
     Parameters
     ----------
@@ -193,16 +208,14 @@ class RowBlock:
         Where each column of the candidates stands among the x that the joint has, x for those that it lacks.
     stacks : tuple of RowStack
         The rows of the joint, by kind.
-    needed : (w + x + 1,)
-        Where the columns of the model, those of the candidates, and Y stand in them.
+    needed : (w + 1 + x,)
+        Where the columns of the model, Y, and the columns of the candidates stand in them.
     blocks : (s,)
-        The blocks of time, ascending.
+        The blocks of time.
     pairs : Pairs
         Products within candidates that the joint has a share in.
     own : OwnColumns
         Candidates that have columns of their own on the joint.
-    held : tuple of JointRows
-        The rows, where they were read to be used several times.
     """
 
     have: IndexArray
@@ -212,7 +225,6 @@ class RowBlock:
     blocks: IndexArray
     pairs: Pairs
     own: OwnColumns
-    held: tuple[JointRows, ...] = ()
 
     @classmethod
     def from_stacks(
@@ -229,7 +241,7 @@ class RowBlock:
         place, xp = locate_columns(where, extra)
         pairs = Pairs.from_places(place, len(xp), portions)
         own = OwnColumns.from_places(place, len(xp), portions)
-        return cls(have, place, tuple(stacks), np.concatenate([wp, xp, [-1]]), np.arange(n_blocks), pairs, own)
+        return cls(have, place, tuple(stacks), np.concatenate([wp, [-1], xp]), np.arange(n_blocks), pairs, own)
 
     @property
     def n_columns(self) -> int:
@@ -237,123 +249,193 @@ class RowBlock:
         return len(self.needed) - len(self.have) - 1
 
     def select_blocks(self, blocks: IndexArray) -> RowBlock:
-        """Return the same for some of the blocks, ascending."""
-        return replace(self, blocks=self.blocks[blocks], held=())
+        """Return the same for some of the blocks."""
+        return replace(self, blocks=self.blocks[blocks])
 
-    def hold_rows(self) -> RowBlock:
-        """Return the same with its rows, for several uses of the same few blocks."""
-        return replace(self, held=tuple(self.read_rows()))
-
-    def read_rows(self) -> Iterator[JointRows]:
-        """Yield the rows, some blocks at a time."""
-        if self.held:
-            yield from self.held
+    def read_pieces(self) -> Iterator[tuple[slice, RowPiece]]:
+        """Yield the rows, some blocks at a time, and which blocks these are; few rows are read only once."""
+        if len(self._bounds) == 2:
+            yield slice(0, len(self.blocks)), self._whole
             return
-        ends = np.cumsum(sum(stack.count_rows(self.blocks) for stack in self.stacks))
-        most = max(1, _MOST_VALUES // len(self.needed))
-        first, w = 0, len(self.have)
-        while first < len(self.blocks):
-            start = ends[first - 1] if first else 0
-            last = max(first + 1, int(np.searchsorted(ends, start + most, side="right")))
-            columns, row_block = self._read_blocks(self.blocks[first:last])
-            yield JointRows(columns[:w], columns[w:-1], columns[-1], row_block, slice(first, last))
-            first = last
+        for first, last in pairwise(self._bounds):
+            yield slice(first, last), self._read_piece(self.blocks[first:last])
 
-    def _read_blocks(self, blocks: IndexArray) -> tuple[FloatArray, IndexArray]:
+    @cached_property
+    def _bounds(self) -> list[int]:
+        """Where the blocks that are read together begin, and where the last ones end."""
+        ends = np.append(0, np.cumsum(sum(stack.count_rows(self.blocks) for stack in self.stacks)))
+        most, bounds = max(1, _MOST_VALUES // len(self.needed)), [0]
+        while bounds[-1] < len(self.blocks):
+            first = bounds[-1]
+            bounds.append(max(first + 1, int(np.searchsorted(ends, ends[first] + most, side="right")) - 1))
+        return bounds
+
+    @cached_property
+    def _whole(self) -> RowPiece:
+        return self._read_piece(self.blocks)
+
+    def _read_piece(self, blocks: IndexArray) -> RowPiece:
         parts = [stack.read_blocks(self.needed, blocks) for stack in self.stacks]
-        if len(parts) == 1:
-            return parts[0]
-        # Rows of several kinds are merged by block, since sums by block need them in order.
-        row_block = np.concatenate([own for _, own in parts])
-        order = np.argsort(row_block, kind="stable")
-        return np.concatenate([own for own, _ in parts], axis=1).take(order, axis=1), row_block[order]
+        columns, row_block = parts[0]
+        if len(parts) > 1:
+            columns = np.concatenate([own for own, _ in parts], axis=1)
+            row_block = np.concatenate([own for _, own in parts])
+        return RowPiece(self, columns, RowRuns(row_block, len(blocks)))
 
-    def sum_products(self) -> JointSums:
-        """Return the sums over all blocks."""
-        w, x = len(self.have), self.n_columns
-        sums = JointSums(np.zeros((w, w)), np.zeros((w, x)), np.zeros(w), np.zeros(x), np.zeros(self.pairs.size))
-        for rows in self.read_rows():
-            own = (rows.w @ rows.w.T, rows.w @ rows.x.T, rows.w @ rows.y, rows.x @ rows.y)
-            for total, part in zip(sums, (*own, self.pairs.compute_products(rows.x)), strict=True):
-                total += part
+    def sum_products(self, cells: IndexArray) -> JointSums:
+        """Return the sums over the blocks of each cell; cells (s,) ascend."""
+        count, w = int(cells[-1]) + 1, len(self.have)
+        sums = JointSums(np.zeros((count, w + 1, len(self.needed))), np.zeros((count, self.pairs.size)))
+        for where, piece in self.read_pieces():
+            piece.add_products(cells[where], sums)
         return sums
 
-    def compute_errors(self, fit: FoldFit) -> RowErrors:
-        """Return the squared errors for a fit."""
-        return RowErrors(self, fit)
+
+@dataclass(frozen=True, eq=False)
+class RowPiece:
+    """Rows of one joint in some blocks, column by column, since a score takes some columns of all rows.
+
+    Parameters
+    ----------
+    block : RowBlock
+        Which columns these are.
+    columns : (w + 1 + x, m)
+        W of the model, Y, and X of the candidates.
+    runs : RowRuns
+        The block of each row.
+    """
+
+    block: RowBlock
+    columns: FloatArray
+    runs: RowRuns
+
+    @property
+    def w(self) -> FloatArray:
+        """Columns (w, m) of the model."""
+        return self.columns[: len(self.block.have)]
+
+    @property
+    def y(self) -> FloatArray:
+        """The torque Y (m,)."""
+        return np.asarray(self.columns[len(self.block.have)])
+
+    @property
+    def x(self) -> FloatArray:
+        """Columns (x, m) of the candidates."""
+        return self.columns[len(self.block.have) + 1 :]
+
+    def add_products(self, cells: IndexArray, sums: JointSums) -> None:
+        """Add the products of the rows to those of the cells (s,) that their blocks are in."""
+        left, pairs = self.columns[: len(self.block.have) + 1], self.block.pairs
+        spans = list(self.runs.split_rows(cells))
+        starts = [rows.start for _, rows in spans]
+        squares = np.add.reduceat(np.square(self.x[pairs.own]), starts, axis=1) if spans else np.zeros((0, 0))
+        several = [(group.where, self.x[group.columns]) for group in pairs.several]
+        for (cell, rows), own in zip(spans, squares.T, strict=True):
+            sums.products[cell] += left[:, rows] @ self.columns[:, rows].T
+            sums.xx[cell, pairs.squares] += own
+            for where, columns in several:
+                sums.xx[cell, where] += columns[:, :, rows] @ columns[:, :, rows].transpose(0, 2, 1)
+
+    def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> RowErrors:
+        """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
+        return RowErrors(self, fits, folds)
 
 
 class RowErrors:
     """What `ProductErrors` are, from the rows themselves."""
 
-    def __init__(self, block: RowBlock, fit: FoldFit) -> None:
-        self._block, self._chi, self._fit = block, fit.chi[block.have], fit
-        self._has = np.flatnonzero(block.place < block.n_columns)
+    def __init__(self, piece: RowPiece, fits: Sequence[FoldFit], folds: IndexArray) -> None:
+        self._piece, self._fits, self._folds, self._have = piece, fits, folds, piece.block.have
+        self._has = np.flatnonzero(piece.block.place < piece.block.n_columns)
+        # Rows that follow one another and have the same fit.
+        self._spans = list(piece.runs.split_rows(folds))
+
+    @cached_property
+    def _rest(self) -> FloatArray:
+        """What the model leaves of Y (m,)."""
+        predicted = np.empty(self._piece.columns.shape[1])
+        chi = {fold: self._fits[fold].chi[self._have] for fold, _ in self._spans}
+        for fold, rows in self._spans:
+            predicted[rows] = chi[fold] @ self._piece.w[:, rows]
+        return np.asarray(self._piece.y - predicted)
 
     @cached_property
     def alone(self) -> FloatArray:
         """Squared errors (s,) of the model alone."""
-        errors = np.zeros(len(self._block.blocks))
-        for rows in self._block.read_rows():
-            errors[rows.blocks] = rows.add_up(self._leave_rest(rows) ** 2)
-        return errors
+        return self._piece.runs.sum_by_block(self._rest**2)
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
-        projection = self._fit.projection[self._block.have]
-        scores = np.zeros((len(self._block.blocks), projection.shape[1]))
-        for rows in self._block.read_rows():
-            rest = self._leave_rest(rows)
-            scores[rows.blocks] = -rows.add_up(rows.w * rest).T @ projection
-            scores[rows.blocks, self._has] += rows.add_up(rows.x * rest).T
+        of_w, of_x = (self._piece.runs.sum_by_block(each * self._rest).T for each in (self._piece.w, self._piece.x))
+        scores = np.concatenate(
+            [-of_w[blocks] @ self._fits[fold].projection[self._have] for fold, blocks in split_runs(self._folds)]
+        )
+        scores[:, self._has] += of_x
         return scores
 
-    def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
+    def compute_errors_with(self, amplitudes: Sequence[Amplitudes]) -> FloatArray:
         """Return the squared errors (g, s) with each candidate, portion by portion."""
         # The model's own parameters are other ones beside a candidate, on the joints that it shares columns with.
-        adjustments = amplitudes.model_adjustments[:, self._block.have]
-        own = self._block.own.candidates
-        is_adjusted = np.asarray(adjustments.any(axis=1))
-        is_adjusted[own] = False
-        others = np.flatnonzero(is_adjusted)
-        errors = np.tile(self.alone, (len(adjustments), 1))
+        adjustments = {fold: amplitudes[fold].model_adjustments[:, self._have] for fold, _ in self._spans}
+        errors = np.tile(self.alone, (sum(len(each) for each in amplitudes[0].each), 1))
+        # A joint that stands has no rows.
+        if not self._spans:
+            return errors
+        # Most candidates have columns of their own on few joints, and change nothing on others.
+        is_changed = np.zeros(len(errors), dtype=bool)
+        is_changed[self._piece.block.own.candidates] = True
+        for each in adjustments.values():
+            is_changed |= each.any(axis=1)
+        changed = np.flatnonzero(is_changed)
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            for rows in self._block.read_rows():
-                rest = self._leave_rest(rows)
-                # Most candidates have columns of their own on few joints.
-                if len(own):
-                    residuals = adjustments[own] @ rows.w
-                    residuals += rest
-                    residuals -= self._block.own.combine(amplitudes, rows.x)
-                    errors[own, rows.blocks] = rows.add_up(np.square(residuals, out=residuals))
-                if len(others):
-                    errors[others, rows.blocks] = self._compute_adjusted_errors(rows, rest, adjustments[others])
+            rest = self._leave_rest(changed, adjustments, amplitudes)
+            errors[changed] = self._piece.runs.sum_by_block(np.square(rest, out=rest))
         return np.asarray(np.nan_to_num(errors, nan=np.inf))
 
-    def _leave_rest(self, rows: JointRows) -> FloatArray:
-        return np.asarray(rows.y - self._chi @ rows.w)
+    def _leave_rest(
+        self, candidates: IndexArray, adjustments: Mapping[int, FloatArray], amplitudes: Sequence[Amplitudes]
+    ) -> FloatArray:
+        """Return what the model leaves of Y (r, m) with each of some candidates; adjustments (g, w) by fold."""
+        rest = np.empty((len(candidates), len(self._rest)))
+        adjusted = {fold: each[candidates] for fold, each in adjustments.items()}
+        for fold, rows in self._spans:
+            np.matmul(adjusted[fold], self._piece.w[:, rows], out=rest[:, rows])
+        rest += self._rest
+        folds = [fold for fold, _ in self._spans]
+        lengths = [rows.stop - rows.start for _, rows in self._spans]
+        own = np.searchsorted(candidates, self._piece.block.own.candidates)
+        for members, places, columns in self._piece.block.own.layers:
+            factors = np.stack([amplitudes[fold].values[places] for fold in folds], axis=1)
+            rest[own[members]] -= np.repeat(factors, lengths, axis=1) * self._piece.x[columns]
+        return rest
 
-    def _compute_adjusted_errors(self, rows: JointRows, rest: FloatArray, adjustments: FloatArray) -> FloatArray:
-        """Return the squared errors (g, s) of the model with adjusted parameters (g, w)."""
-        count = rows.blocks.stop - rows.blocks.start
-        # Fewer rows than twice the columns of the model are not worth their products.
-        if len(rest) < 2 * len(rows.w) * count:
-            residuals = adjustments @ rows.w
-            residuals += rest
-            return rows.add_up(np.square(residuals, out=residuals))
-        errors = np.empty((len(adjustments), count))
-        edges = np.searchsorted(rows.row_block, np.arange(count + 1))
-        for block, (first, last) in enumerate(pairwise(edges)):
-            w, own = rows.w[:, first:last], rest[first:last]
-            squares = np.einsum("gw,gw->g", adjustments @ (w @ w.T), adjustments)
-            squares += 2.0 * (adjustments @ (w @ own)) + own @ own
-            np.maximum(squares, 0.0, out=errors[:, block])
-        return errors
+    def compute_squares(self) -> tuple[FloatArray, ...]:
+        """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
+        piece, has, portions = self._piece, self._has, self._fits[0].portions
+        projections = {fold: self._fits[fold].projection[self._have] for fold, _ in self._spans}
+        # Nothing is left of columns that neither the joint nor the model's parameters on it have a share in.
+        is_shared = np.zeros(len(piece.block.place), dtype=bool)
+        for projection in projections.values():
+            is_shared |= projection.any(axis=0)
+        is_shared[has] = True
+        shared = np.flatnonzero(is_shared)
+        rest = np.zeros((len(is_shared), len(self._rest)))
+        for fold, rows in self._spans:
+            rest[shared, rows] = -(projections[fold][:, shared].T @ piece.w[:, rows])
+        rest[has] += piece.x[piece.block.place[has]]
+        products = [np.zeros((len(own.members), piece.runs.n_blocks, own.width, own.width)) for own in portions]
+        for portion, own_products in zip(portions, products, strict=True):
+            members = np.flatnonzero(is_shared[portion.columns].any(axis=1))
+            own = rest[portion.columns[members]]
+            squares = piece.runs.sum_by_block(own[:, :, None, :] * own[:, None, :, :])
+            own_products[members] = squares.transpose(0, 3, 1, 2)
+        return tuple(products)
 
 
 class JointErrors(Protocol):
-    """One joint's squared errors in blocks, for a fit on others."""
+    """One joint's squared errors in blocks, each for the fit of its fold."""
 
     @property
     def alone(self) -> FloatArray:
@@ -362,8 +444,18 @@ class JointErrors(Protocol):
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c): Z is what the model leaves of each candidate's column, ρ the same of Y."""
 
-    def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
-        """Return the squared errors (g, s) with each candidate, portion by portion."""
+    def compute_errors_with(self, amplitudes: Sequence[Amplitudes]) -> FloatArray:
+        """Return the squared errors (g, s) with each candidate, portion by portion, for the amplitudes of its fold."""
+
+    def compute_squares(self) -> tuple[FloatArray, ...]:
+        """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
+
+
+class JointPiece(Protocol):
+    """Rows or products of one joint in some blocks."""
+
+    def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> JointErrors:
+        """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
 
 
 class JointBlock(Protocol):
@@ -378,89 +470,10 @@ class JointBlock(Protocol):
         """(c,): where each of the candidates' columns stands among the x that the joint has, x where it lacks it."""
 
     def select_blocks(self, blocks: IndexArray) -> JointBlock:
-        """Return the same for some of the blocks."""
+        """Return the same for some of the blocks, in this order."""
 
-    def hold_rows(self) -> JointBlock:
-        """Return the same, with rows that are read once for all uses."""
+    def read_pieces(self) -> Iterator[tuple[slice, JointPiece]]:
+        """Yield the blocks, some at a time, and which these are."""
 
-    def sum_products(self) -> JointSums:
-        """Return the sums over all blocks."""
-
-    def compute_errors(self, fit: FoldFit) -> JointErrors:
-        """Return the squared errors for a fit."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointBlocks:
-    """Rows or products of all joints, for a model and candidates beside it.
-
-    Parameters
-    ----------
-    base : (b,)
-        Columns of the model.
-    n_extra : int
-        Number of columns c of the candidates.
-    n_blocks : int
-        Number of blocks.
-    portions : tuple of Batch
-        The candidates, by number of columns.
-    joints : tuple of JointBlock
-        Rows or products of each joint.
-    known : PriorInformation or None
-        What is known of the model's parameters beside the data.
-    """
-
-    base: IndexArray
-    n_extra: int
-    n_blocks: int
-    portions: tuple[Batch, ...]
-    joints: tuple[JointBlock, ...]
-    known: PriorInformation | None
-
-    @classmethod
-    def from_products(cls, data: Products, base: IndexArray, candidates: Sequence[Candidate]) -> JointBlocks:
-        """Take what is needed to score candidates beside a model."""
-        extra = list_extra_columns(candidates)
-        portions = split_batches(candidates, extra)
-        joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))
-        return cls(np.asarray(base, dtype=np.intp), len(extra), data.n_blocks, portions, joints, data.known)
-
-    def select_blocks(self, blocks: IndexArray) -> JointBlocks:
-        """Return the same for some of the blocks."""
-        joints = tuple(joint.select_blocks(blocks) for joint in self.joints)
-        return replace(self, n_blocks=len(blocks), joints=joints)
-
-    def fit_model(self, sums: ProductSums) -> FoldFit:
-        """Fit the model to the rows of some blocks, given their sums, and to what is known beside them."""
-        return FoldFit(sums if self.known is None else sums.add_known(self.known, self.base), self.portions)
-
-    def fit_amplitudes(self, fit: FoldFit) -> Amplitudes:
-        """Fit the parameters of each candidate beside the model."""
-        each = tuple(fit.fit_amplitudes(number) for number in range(len(self.portions)))
-        return Amplitudes(self.portions, each, fit.projection)
-
-    def sum_products(self, noise: FloatArray) -> ProductSums:
-        """Return the sums over all blocks and joints, each joint in units of its noise (n,)."""
-        b, c = len(self.base), self.n_extra
-        ww, wx, wy, xy = np.zeros((b, b)), np.zeros((b, c)), np.zeros(b), np.zeros(c)
-        xx = np.zeros(sum(portion.columns.size * portion.width for portion in self.portions))
-        for block, sigma in zip(self.joints, noise, strict=True):
-            # Rows of a joint count by the inverse of the variance of its noise, as in the fit of the model.
-            weight, own = 1.0 / sigma**2, block.sum_products()
-            has = np.flatnonzero(block.place < len(own.xy))
-            ww[np.ix_(block.have, block.have)] += own.ww * weight
-            wx[np.ix_(block.have, has)] += own.wx * weight
-            wy[block.have] += own.wy * weight
-            xy[has] += own.xy * weight
-            xx += own.xx * weight
-        return ProductSums(ww, wx, wy, xy, split_by_portion(xx, self.portions))
-
-
-def _build_block(
-    data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
-) -> JointBlock:
-    # Rows are used as they are where all of them are at hand; one kind in products makes products of all.
-    stacks = [stack for stack in data.stacks[joint] if isinstance(stack, RowStack)]
-    if len(stacks) == len(data.stacks[joint]):
-        return RowBlock.from_stacks(stacks, data.position[joint], (base, extra), portions, data.n_blocks)
-    return ProductBlock.from_products(data, joint, base, extra, portions)
+    def sum_products(self, cells: IndexArray) -> JointSums:
+        """Return the sums over the blocks of each cell; cells (s,) ascend."""

@@ -5,7 +5,7 @@ Holds the number of folds (5, and 10 parts), and when whole runs can be left out
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -15,6 +15,9 @@ import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.estimation import PriorInformation, Reduction
+
+KINDS = ("interleaved", "contiguous")
+"""Kinds of folds in which candidates are scored."""
 
 # Numbers of folds: a model is fitted once a fold, and loses that share of the data.
 N_FOLDS = 5
@@ -43,16 +46,71 @@ class Stack(Protocol):
         """Return the products (s, *shape) at these places, whose shapes are broadcast."""
 
 
-def sum_by_block(values: FloatArray, row_block: IndexArray, n_blocks: int) -> FloatArray:
-    """Sum values over the rows of every block."""
-    sums = np.zeros((*values.shape[:-1], n_blocks))
-    if len(row_block):
-        # `reduceat` sums from one start to the next, so that only blocks with rows may be among the starts.
-        is_first = np.ones(len(row_block), dtype=bool)
-        np.not_equal(row_block[1:], row_block[:-1], out=is_first[1:])
-        first = np.flatnonzero(is_first)
-        sums[..., row_block[first]] = np.add.reduceat(values, first, axis=-1)
-    return sums
+def split_runs(numbers: IndexArray) -> Iterator[tuple[int, slice]]:
+    """Yield the runs of equal numbers that follow one another: the number, and where it stands."""
+    starts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+    for first, last in pairwise([0, *starts.tolist(), len(numbers)]):
+        if last > first:
+            yield int(numbers[first]), slice(first, last)
+
+
+@dataclass(frozen=True, eq=False)
+class RowRuns:
+    """Where rows of the same block follow one another: once a block, or once for each kind of rows.
+
+    Parameters
+    ----------
+    row_block : (m,)
+        Number of the block of each row.
+    n_blocks : int
+        Number of blocks.
+    """
+
+    row_block: IndexArray
+    n_blocks: int
+
+    @cached_property
+    def _firsts(self) -> IndexArray:
+        """Where each run begins (r,)."""
+        is_first = np.ones(len(self.row_block), dtype=bool)
+        np.not_equal(self.row_block[1:], self.row_block[:-1], out=is_first[1:])
+        return np.flatnonzero(is_first)
+
+    @cached_property
+    def blocks(self) -> IndexArray:
+        """The block of each run (r,)."""
+        return self.row_block[self._firsts]
+
+    @cached_property
+    def _later(self) -> tuple[IndexArray, ...]:
+        """Numbers of the first runs of all blocks, of the second runs, and so on."""
+        order = np.argsort(self.blocks, kind="stable")
+        own = self.blocks[order]
+        rank = np.arange(len(own)) - np.searchsorted(own, own)
+        return tuple(order[rank == k] for k in range(int(rank.max(initial=-1)) + 1))
+
+    @cached_property
+    def edges(self) -> tuple[IndexArray, IndexArray]:
+        """Where the rows of each block begin (s,) and end (s,), if a block has one run."""
+        counts = np.bincount(self.row_block, minlength=self.n_blocks)
+        firsts = np.zeros(self.n_blocks, dtype=np.intp)
+        firsts[self.blocks] = self._firsts
+        return firsts, firsts + counts
+
+    def sum_by_block(self, values: FloatArray) -> FloatArray:
+        """Sum values (..., m) over the rows of every block (..., s)."""
+        sums = np.zeros((*values.shape[:-1], self.n_blocks))
+        if len(self._firsts):
+            parts = np.add.reduceat(values, self._firsts, axis=-1)
+            for runs in self._later:
+                sums[..., self.blocks[runs]] += parts[..., runs]
+        return sums
+
+    def split_rows(self, numbers: IndexArray) -> Iterator[tuple[int, slice]]:
+        """Yield rows that follow one another and whose blocks have the same of some numbers (s,), and this number."""
+        edges = np.append(self._firsts, len(self.row_block))
+        for number, runs in split_runs(numbers[self.blocks]):
+            yield number, slice(int(edges[runs.start]), int(edges[runs.stop]))
 
 
 class RowStack:
@@ -67,13 +125,13 @@ class RowStack:
     values : (m, p + 1)
         Rows.
     row_block : (m,)
-        Number of the block of each row, ascending.
+        Number of the block of each row; the rows of a block follow one another.
     n_blocks : int
         Number of blocks.
     """
 
     def __init__(self, values: FloatArray, row_block: IndexArray, n_blocks: int) -> None:
-        self.columns, self.row_block, self.n_blocks = np.ascontiguousarray(values.T), row_block, n_blocks
+        self.columns, self._runs = np.ascontiguousarray(values.T), RowRuns(row_block, n_blocks)
 
     @cached_property
     def total(self) -> FloatArray:
@@ -94,31 +152,30 @@ class RowStack:
         needed : (c,)
             Places of the columns.
         blocks : (s,)
-            The blocks, ascending.
+            The blocks; those of a usual score are in the order in which the rows are stored.
         """
-        firsts, lasts = self._edges[blocks], self._edges[blocks + 1]
-        ends = np.append(0, np.cumsum(lasts - firsts))
-        columns = np.empty((len(needed), ends[-1]))
-        # Blocks that follow one another are read at once.
-        starts = np.flatnonzero(np.append(-2, blocks[:-1]) + 1 != blocks)
-        for start, end in pairwise([*starts, len(blocks)]):
-            columns[:, ends[start] : ends[end]] = self.columns[needed, firsts[start] : lasts[end - 1]]
-        return columns, np.repeat(np.arange(len(blocks)), lasts - firsts)
+        firsts, lasts = (edges[blocks] for edges in self._runs.edges)
+        counts = lasts - firsts
+        has = np.flatnonzero(counts)
+        if (firsts[has[1:]] == lasts[has[:-1]]).all():
+            # Copies of whole spans are twenty times as fast as an index for every row.
+            span = slice(firsts[has[0]], lasts[has[-1]]) if len(has) else slice(0)
+            columns = self.columns[needed, span]
+        else:
+            rows = np.repeat(lasts - np.cumsum(counts), counts) + np.arange(counts.sum())
+            columns = self.columns[needed[:, None], rows]
+        return columns.astype(np.float64, copy=False), np.repeat(np.arange(len(blocks)), counts)
 
     def count_rows(self, blocks: IndexArray) -> IndexArray:
         """Return the number of rows (s,) in some blocks."""
-        return np.asarray(self._edges[blocks + 1] - self._edges[blocks])
-
-    @cached_property
-    def _edges(self) -> IndexArray:
-        """Where the rows of each block begin, and where the last ends (n_blocks + 1,)."""
-        return np.searchsorted(self.row_block, np.arange(self.n_blocks + 1))
+        firsts, lasts = self._runs.edges
+        return np.asarray(lasts[blocks] - firsts[blocks])
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (s, *shape) at these places, whose shapes are broadcast."""
         first, second = np.broadcast_arrays(rows, columns)
         each = self.columns[first.ravel()].astype(np.float64, copy=False) * self.columns[second.ravel()]
-        return sum_by_block(each, self.row_block, self.n_blocks).T.reshape(self.n_blocks, *first.shape)
+        return self._runs.sum_by_block(each).T.reshape(self._runs.n_blocks, *first.shape)
 
 
 class ProductStack:
@@ -261,18 +318,36 @@ def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
     A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
     left out as a whole, and the model of most joints unknown without it. Runs too short for that count as one.
     """
-    each = [np.flatnonzero(data.run == run) for run in np.unique(data.run)]
+    return _split_runs_into_folds(data.run, kind)
+
+
+def _split_runs_into_folds(run: IndexArray, kind: str) -> list[IndexArray]:
+    each = [np.flatnonzero(run == number) for number in np.unique(run)]
     if kind == "runs":
         return each
     if kind == "parts":
         return [part for own in each for part in _split_tenths(own)]
     if kind == "interleaved":
-        return split_folds(data.n_blocks, kind)
+        return split_folds(len(run), kind)
     long = [own for own in each if len(own) >= N_FOLDS]
     short = [own for own in each if len(own) < N_FOLDS]
     together = [np.concatenate(short)] if short else []
     parts = zip(*(np.array_split(own, N_FOLDS) for own in long + together), strict=True)
     return [np.sort(fold) for fold in map(np.concatenate, parts) if len(fold)]
+
+
+def number_folds(run: IndexArray, kinds: Sequence[str]) -> IndexArray:
+    """Return the number (kinds, s) of the fold that each block is in, by kind."""
+    numbers = np.zeros((len(kinds), len(run)), dtype=np.intp)
+    for own, kind in zip(numbers, kinds, strict=True):
+        for k, fold in enumerate(_split_runs_into_folds(run, kind)):
+            own[fold] = k
+    return numbers
+
+
+def order_by_folds(folds: IndexArray) -> IndexArray:
+    """Return the blocks (s,) such that those in the same fold of every kind (kinds, s) follow one another."""
+    return np.lexsort(folds[::-1])
 
 
 def can_leave_out_runs(data: Products, base: IndexArray) -> bool:

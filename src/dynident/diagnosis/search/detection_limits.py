@@ -21,16 +21,15 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.fold_fit import FoldFit
-from dynident.diagnosis.candidates.held_out_scores import FoldedFits, compute_block_products
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlock, JointBlocks
+from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks
+from dynident.diagnosis.candidates.products_of_scored_pairs import JointErrors
 from dynident.diagnosis.candidates.significance import FamilywiseLevels, compute_least_t, standardise_size
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
+from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products, split_data_folds
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain
 from dynident.diagnosis.search.candidate_outcomes import FinalScores
-from dynident.diagnosis.search.search_state import KINDS, find_acting_columns, may_use_scores
+from dynident.diagnosis.search.search_state import find_acting_columns, may_use_scores
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.residual_errors import compute_evenness
 
@@ -390,9 +389,9 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
     fitted, *kinds = (_BlockSums.from_portions(blocks, acts) for _ in range(len(KINDS) + 1))
     # Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     # seen, and held-out errors show an effect by that.
-    for j, own, block, left_out in fits.read_cells():
-        for sums, fit in zip((fitted, *kinds), (fits.whole, *left_out), strict=True):
-            sums.add_joint(j, own, block, fit, 1.0 / state.noise[j] ** 2)
+    for j, own, errors in fits.read_errors():
+        for sums, each in zip((fitted, *kinds), errors, strict=True):
+            sums.add_joint(j, own, each, 1.0 / state.noise[j] ** 2)
     folds = [tuple(split_data_folds(rows, kind)) for kind in KINDS]
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
@@ -447,13 +446,12 @@ class _BlockSums:
             squares |= {(number, place, _ALL): mine for place, mine in enumerate(whole)}
         return cls(np.zeros((joints, s)), np.zeros((joints, s, blocks.n_extra)), squares, acts, together)
 
-    def add_joint(self, joint: int, where: IndexArray, block: JointBlock, fit: FoldFit, weight: float) -> None:
+    def add_joint(self, joint: int, where: IndexArray, errors: JointErrors, weight: float) -> None:
         """Add what one joint has in some blocks; each block of a joint comes once."""
-        errors = block.compute_errors(fit)
         for sums, own in ((self.errors, errors.alone), (self.scores, errors.compute_scores())):
             sums[joint, where] = own
             sums[_ALL, where] += weight * own
-        for number, products in enumerate(compute_block_products(block, fit)):
+        for number, products in enumerate(errors.compute_squares()):
             self.together[number][:, where] += weight * products
             for place in np.flatnonzero(self.acts[number][:, joint]).tolist():
                 self.squares[number, place, joint][where] = products[place]

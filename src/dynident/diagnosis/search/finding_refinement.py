@@ -17,8 +17,8 @@ from dynident.diagnosis.candidates.candidate_pool import (
     is_width_resolved,
     select_columns_on,
 )
+from dynident.diagnosis.candidates.held_out_scores import JointBlocks
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, predict_again
 from dynident.diagnosis.decision_levels import RULES

@@ -62,6 +62,7 @@ def select_candidate(
         else:
             reasons[scored.candidate] = impossibility
     doubted: list[ScoredCandidate] = []
+    moving_scores: dict[Candidate, ScoredCandidate] = {}
     while passing:
         best, equal = select_simplest(passing)
         lasting = _find_lasting_cause(state, best, passing)
@@ -83,7 +84,9 @@ def select_candidate(
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
             by_itself = None if whole else find_rejection(state, replace(slim, p=chosen.p))
-            rejection = by_itself or check_moving_joints(state, slim)
+            # Where one only shows at reversals many may: the second one is scored together with all that are left.
+            more = [scored.candidate for scored in passing] if moving_scores else []
+            rejection = by_itself or check_moving_joints(state, slim, more, moving_scores)
             if rejection is None:
                 return replace(slim, p=chosen.p), equal + find_richer_changes(state, slim, passing, equal)
         else:
@@ -151,15 +154,36 @@ def _grows_with_load(scored: ScoredCandidate) -> bool:
     return effect.is_friction and effect.needs_load and not scored.candidate.runs
 
 
-def check_moving_joints(state: State, chosen: ScoredCandidate) -> Reason | None:
+def check_moving_joints(
+    state: State,
+    chosen: ScoredCandidate,
+    more: Sequence[Candidate] = (),
+    known: dict[Candidate, ScoredCandidate] | None = None,
+) -> Reason | None:
     """Check that what remembers the path also lowers the error where joints move on, not only where they reverse.
 
     There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    chosen : ScoredCandidate
+        The candidate to check.
+    more : sequence of Candidate
+        Candidates that may be checked next: they are scored together.
+    known : dict of Candidate to ScoredCandidate, optional
+        Scores without the rows where joints reverse; filled with those that are computed.
     """
+    known = {} if known is None else known
     turns, starts = state.data.find_row_kinds(chosen.candidate.columns)
     if not turns:
         return None
-    (scored,) = score_all(state, [chosen.candidate], kinds=(False, starts))
+    if chosen.candidate not in known:
+        alike = [other for other in more if state.data.find_row_kinds(other.columns) == (turns, starts)]
+        together = list(dict.fromkeys([chosen.candidate, *alike]))
+        known.update(zip(together, score_all(state, together, kinds=(False, starts)), strict=True))
+    scored = known[chosen.candidate]
     if scored.error_drop >= state.rules.least_error_drop:
         return None
     return Reason.build("only_at_reversals", share=max(scored.error_drop, 0.0), least=state.rules.least_error_drop)

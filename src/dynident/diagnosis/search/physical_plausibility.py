@@ -14,8 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
-from dynident.diagnosis.candidates.held_out_scores import compute_deviations
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
+from dynident.diagnosis.candidates.held_out_scores import JointBlocks, compute_deviations
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES

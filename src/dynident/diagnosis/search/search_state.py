@@ -10,9 +10,8 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.held_out_scores import FoldedFits, compute_held_out_errors, score_folds
+from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, compute_held_out_errors, score_folds
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.products_of_scored_pairs import JointBlocks
 from dynident.diagnosis.candidates.significance import (
     BaselineErrors,
     FamilywiseLevels,
@@ -20,15 +19,13 @@ from dynident.diagnosis.candidates.significance import (
     combine_scores,
     run_familywise_test,
 )
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products
+from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products
 from dynident.diagnosis.decision_levels import RULES, DecisionRules
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.least_squares import floor_noise
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
-
-KINDS = ("interleaved", "contiguous")
 
 
 @dataclass(frozen=True, eq=False)
