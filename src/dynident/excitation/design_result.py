@@ -12,13 +12,21 @@ import scipy
 from dynident.array_types import FloatArray, IntArray
 from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
+from dynident.excitation.criteria.prediction_region import collect_region
 from dynident.excitation.design_request import DesignRequest
 from dynident.motion.collision.exact_distances import Nearest
 from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.limits.limit_margins import Margin
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.recordings.joint_phases import find_phases
+from dynident.recordings.row_storage import load_stored_samples
 from dynident.robot.robot_model import Robot
+
+_PLANNED_SAMPLES = 2000
+# A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
+# planned one, and where the travel of each joint and the median of their speeds are at least this part of the planned.
+# Joints with less travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
+_ON_PATH, _NEAR, _LEAST_PART, _STANDS, _MOVES = 0.9, 0.1, 0.7, 1e-3, 0.05
 
 
 def find_nearest_along(
@@ -203,3 +211,39 @@ def expect_recording(design: Design, last: Recording) -> Recording:
             late = t[k] + np.maximum(0.0, 2 * (t[after] - t[k] - hold))
             q[after, j] = np.interp(late, t, planned[:, j])
     return recording_from_arrays(t, q, np.zeros_like(q), joint_names=last.joint_names, name=last.name)
+
+
+def follows_design(recording: Recording, design: Design) -> bool:
+    """Return whether a recording is of a planned motion, however late it begins; only then its promise counts.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    design : Design
+        The planned motion.
+    """
+    recorded = collect_region([recording])
+    travel = np.maximum(np.ptp(design.q, axis=0), np.finfo(float).tiny)
+    planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
+    tree = scipy.spatial.cKDTree(planned / travel)
+    distances, _ = tree.query(recorded.q / travel, p=np.inf)
+    if np.mean(distances <= _NEAR) < _ON_PATH:
+        return False
+    # Of the samples that move alone: a recording may begin long before the motion.
+    slowest = _MOVES * np.abs(design.dq).max(axis=0)
+    moved = travel > _STANDS
+    if not moved.any():
+        return True
+    # Slower is slower on all joints; filters take the speed of a single one that shakes.
+    speeds = _compute_moving_rms(recorded.dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
+    # Filters cut the ends of a motion off, where a joint may be farthest out.
+    columns = load_stored_samples(recording).columns
+    is_wide = np.array([np.ptp(columns[f"q_{name}"]) for name in recording.joint_names]) >= _LEAST_PART * travel
+    return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
+
+
+def _compute_moving_rms(dq: FloatArray, slowest: FloatArray) -> FloatArray:
+    """Return the rms speed (n,) of each joint's samples that are faster than `slowest` (n,)."""
+    moves = np.abs(dq) > slowest
+    return np.asarray(np.sqrt((moves * dq**2).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)))
