@@ -30,6 +30,7 @@ from dynident.advice.prediction_error import (
     evaluate_rows,
     predict_errors,
 )
+from dynident.diagnosis import diagnose
 from dynident.estimation.parameter_covariance import compute_sandwich_covariance
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
@@ -260,6 +261,16 @@ def test_chance_is_no_lack_of_the_model_and_a_missing_effect_is_one():
     assert np.count_nonzero(seen[""]) <= 5
     # The usual spring leaves some 1.5 N m; what chance explains takes little of that away.
     assert (seen["joint_spring"][:, 1] > 1.4).all()
+
+
+def test_effects_are_recommended_alike_without_detection_limits():
+    plan, _, following = first_run()
+    runs = [recorded(plan.design, "run91", "joint_spring"), recorded(following.design, "run92", "joint_spring")]
+    model = identify(ARM, runs, (), REQUEST.choices)
+    whole, quick = (diagnose(model, runs, with_limits=with_limits) for with_limits in (True, False))
+    assert [choice.effect for choice in whole.recommended] == ["joint_spring"]
+    assert (quick.recommended, quick.detection_limits) == (whole.recommended, ())
+    assert whole.detection_limits
 
 
 def test_a_joint_without_torque_never_reaches_the_goal():

@@ -338,7 +338,8 @@ def add_run(
     # From the effects asked for each time: what one run alone suggested has to show in all of them.
     choices = add_load(state.request, recordings).choices
     identification = identify(state.robot, recordings, (), choices, scale_progress(progress, 0.0, 0.3))
-    diagnosis = diagnose(identification, recordings, progress=scale_progress(progress, 0.3, 0.9))
+    diagnosed, has_limits = scale_progress(progress, 0.3, 0.9), state.request.goal == "effects"
+    diagnosis = diagnose(identification, recordings, with_limits=has_limits, progress=diagnosed)
     added = tuple(choice for choice in diagnosis.recommended if is_of_motion(choice))
     if added:
         identification = extend(identification, added, recordings, (), scale_progress(progress, 0.9, 1.0))
@@ -405,8 +406,7 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     aim = f"The goal of {format_percent(goal)}" if has_error else "The goal"
     stand = f"Error: {reached}" if has_error else reached
     remarks = _describe_promise(run, names)
-    design = state.request.design
-    duration = compute_planned_seconds(design) if planned is None else planned.design.duration
+    duration = compute_planned_seconds(state.request.design) if planned is None else planned.design.duration
     has_time = state.seconds_left >= duration and len(state.runs) < state.request.runs
     if state.request.goal == "payload" and measure is None and has_time:
         words = (
