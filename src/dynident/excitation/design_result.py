@@ -23,6 +23,9 @@ from dynident.recordings.row_storage import load_stored_samples
 from dynident.robot.robot_model import Robot
 
 _PLANNED_SAMPLES = 2000
+# Share of its reversals at which a joint has to stick to be expected to stick: one that lingers by itself at some slow
+# reversals seems to stick there, and does not at fast ones.
+_MOST = 0.75
 # A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
 # planned one, and where the travel of each joint and the median of their speeds are at least this part of the planned.
 # Joints with less travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
@@ -178,7 +181,7 @@ class Design:
 def expect_recording(design: Design, last: Recording) -> Recording:
     """Return the recording that a motion will have, without torque.
 
-    A joint that stuck at most of its reversals in the last recording will stick for the shortest time of these.
+    A joint that stuck at nearly all of its reversals in the last recording will stick for the shortest time of these.
 
     Parameters
     ----------
@@ -202,7 +205,7 @@ def expect_recording(design: Design, last: Recording) -> Recording:
         fields = ((each.turns, each.sticks, each.ends - each.starts) for each in halts)
         turns, sticks, lengths = (np.concatenate(parts) for parts in zip(*fields, strict=True))
         sticks &= turns
-        if not sticks.any() or 2 * sticks.sum() < turns.sum():
+        if not sticks.any() or sticks.sum() < _MOST * turns.sum():
             continue
         hold = float(lengths[sticks].min())
         for k in np.flatnonzero(dq[:-1, j] * dq[1:, j] < 0):
