@@ -100,6 +100,15 @@ def test_the_error_of_one_parameter_is_that_of_its_normal_distribution():
     assert rows.compute_errors(np.array([[0.25]])) == pytest.approx([norm.ppf(0.975) / 10], rel=0.06)
 
 
+def test_the_errors_of_two_joints_hold_together():
+    rows = RegionRows(np.array([np.diag([1.0, 0.0]), np.diag([0.0, 4.0])]), np.ones(2), 1e6)
+    # Of two independent errors both stay below z with the probability 0.95 where each does with its root.
+    z = norm.ppf(0.5 + 0.5 * np.sqrt(0.95))
+    assert rows.compute_errors(np.eye(2)) == pytest.approx([z, 2 * z], rel=0.06)
+    # With few degrees of freedom they are larger.
+    assert (replace(rows, freedom=6.0).compute_errors(np.eye(2)) > 1.15 * rows.compute_errors(np.eye(2))).all()
+
+
 def test_the_criterion_is_the_variance_of_the_torque_over_the_region():
     model = build_design_model(ARM, [dy.EffectChoice("rigid_body"), dy.EffectChoice("viscous")])
     region = draw_region(ARM, {}, seed=3)
