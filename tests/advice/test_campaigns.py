@@ -309,6 +309,17 @@ def test_a_promise_counts_for_its_own_motion_alone():
     assert other.runs[-1].promised is None
 
 
+def test_the_recording_of_a_short_motion_follows_it():
+    short = DesignRequest(
+        kind="random",
+        random_trajectories=1,
+        trajectory=TrajectoryRequest(duration=2.0, harmonics=3, sampling_rate=RATE),
+    )
+    for seed in range(4):
+        design = design_experiment(ARM, replace(short, seed=seed))
+        assert follows_design(recorded(design, f"run{seed}"), design)
+
+
 def test_a_run_is_told_once_and_only_motions_of_all_joints_add_up():
     _, state, _ = first_run()
     with pytest.raises(dy.DynidentError, match="run1 has the samples of an earlier run"):

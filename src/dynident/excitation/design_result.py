@@ -12,7 +12,6 @@ import scipy
 from dynident.array_types import FloatArray, IntArray
 from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
-from dynident.excitation.criteria.prediction_region import collect_region
 from dynident.excitation.design_request import DesignRequest
 from dynident.motion.collision.exact_distances import Nearest
 from dynident.motion.limits.bounds import build_bounds
@@ -23,6 +22,8 @@ from dynident.recordings.row_storage import load_stored_samples
 from dynident.robot.robot_model import Robot
 
 _PLANNED_SAMPLES = 2000
+# Speeds are differences of positions so many seconds before and after: less is noise of the positions.
+_SPEED_SPAN = 0.05
 # Share of its reversals at which a joint has to stick to be expected to stick: one that lingers by itself at some slow
 # reversals seems to stick there, and does not at fast ones.
 _MOST = 0.75
@@ -226,11 +227,23 @@ def follows_design(recording: Recording, design: Design) -> bool:
     design : Design
         The planned motion.
     """
-    recorded = collect_region([recording])
+    # Of all recorded rows: filters cut the ends of a short motion off, where its speed may be highest.
+    columns = load_stored_samples(recording).columns
+    positions = np.column_stack([columns[f"q_{name}"] for name in recording.joint_names])
+    span = max(1, round(_SPEED_SPAN / recording.period))
+    paths = [
+        positions[segment.first_row : segment.first_row + segment.length]
+        for segment in recording.segments
+        if segment.length > 2 * span
+    ]
+    if not paths:
+        return False
+    q = np.concatenate([path[span:-span] for path in paths])
+    dq = np.concatenate([path[2 * span :] - path[: -2 * span] for path in paths]) / (2 * span * recording.period)
     travel = np.maximum(np.ptp(design.q, axis=0), np.finfo(float).tiny)
     planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
     tree = scipy.spatial.cKDTree(planned / travel)
-    distances, _ = tree.query(recorded.q / travel, p=np.inf)
+    distances, _ = tree.query(q[:: max(1, len(q) // _PLANNED_SAMPLES)] / travel, p=np.inf)
     if np.mean(distances <= _NEAR) < _ON_PATH:
         return False
     # Of the samples that move alone: a recording may begin long before the motion.
@@ -238,11 +251,9 @@ def follows_design(recording: Recording, design: Design) -> bool:
     moved = travel > _STANDS
     if not moved.any():
         return True
-    # Slower is slower on all joints; filters take the speed of a single one that shakes.
-    speeds = _compute_moving_rms(recorded.dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
-    # Filters cut the ends of a motion off, where a joint may be farthest out.
-    columns = load_stored_samples(recording).columns
-    is_wide = np.array([np.ptp(columns[f"q_{name}"]) for name in recording.joint_names]) >= _LEAST_PART * travel
+    # Slower is slower on all joints; a single one may shake.
+    speeds = _compute_moving_rms(dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
+    is_wide = np.ptp(positions, axis=0) >= _LEAST_PART * travel
     return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
 
 
