@@ -189,7 +189,7 @@ def test_a_campaign_of_ten_runs_goes_on_through_two_kills(serve: Serve, database
     campaign_id = live.campaigns.create(
         robot,
         # Not reached in ten runs of so few seconds, but within reach of the robot time that is left.
-        goal={"kind": "parameters", "parameters": ["Fc1"], "error": 0.0002},
+        goal={"kind": "parameters", "parameters": ["Fc1"], "error": 0.001},
         budget={"robot_time": 360000.0, "runs": 10000},
         trajectory={"duration": 4.0, "harmonics": 2, "sampling_rate": 100.0},
         starts=1,
