@@ -10,6 +10,9 @@ With --rivals, three others make as many runs as the campaign, or until they are
 the whole length for the predicted torque, random motions, and a design by the condition number that is repeated. They
 know the effects of the campaign's last model, and need no slow first run.
 
+With --hidden, the same arm also makes a fixed programme of four runs (designs by the condition number, at full speed),
+which are diagnosed together afterwards: whether that names the hidden effect, and in how many minutes.
+
 With --mujoco, another engine moves the arm, with joints that stick, and says its true torque: nothing of the program
 under test but the description is in it. With --load, the goal is a load's mass to within so many kg, and its centre to
 within a tenth as many m; the load is the usual one of each arm.
@@ -30,9 +33,10 @@ import numpy as np
 from engine.scene import Scene, dof_of
 
 import dynident as dy
-from dynident.advice.campaign import add_run, plan_run, start_campaign
+from dynident.advice.campaign import Decision, add_run, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.advice.payload_goal import select_payload_errors
+from dynident.diagnosis import diagnose
 from dynident.effects import LINKS, ReferenceParameters, Signals, build_columns
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import identify
@@ -46,8 +50,11 @@ from dynident.simulation.true_effects import build_typical_effect, list_drive_ef
 from dynident.text_and_html_tables import format_text_table
 
 LINK_SPREAD = 0.1
+PROGRAMME_RUNS = 4
 RIVALS = ("one design", "random", "repeated")
 HIDDEN = ("stribeck", "torque_ripple", "joint_spring", "coulomb_asymmetric", "load_dependent_friction", "presliding")
+# Beside Coulomb friction, both are the same torque.
+EQUALS = {"coulomb_asymmetric": "offset"}
 
 
 class VirtualArm:
@@ -189,6 +196,17 @@ def run_campaign(arm: VirtualArm, request: CampaignRequest):
     return state, history
 
 
+def is_reached_after_all(arm: VirtualArm, state) -> bool:
+    """Return whether a campaign that was given up states its goal to be reached when it goes on until the end."""
+    while True:
+        planned = plan_run(replace(state, decision=Decision("next_run", "")))
+        if state.seconds_left < planned.design.duration or len(state.runs) >= state.request.runs:
+            return False
+        state = add_run(state, arm.record(planned.design, len(state.runs) + 1), planned)
+        if state.decision.code == "reached":
+            return True
+
+
 def run_rival(arm: VirtualArm, state, kind: str):
     """Return robot minutes and the largest true error after each run of a rival, until twice the campaign's runs."""
     request, effects = state.request.design, state.identification.model.effects
@@ -218,6 +236,35 @@ def run_rival(arm: VirtualArm, state, kind: str):
     return history
 
 
+def run_programme(arm: VirtualArm, request: CampaignRequest):
+    """Return robot minutes of a fixed programme of runs, and the effects in the model after their diagnosis."""
+    designs = [
+        design_experiment(arm.robot, replace(request.design, effects=request.choices.effects, seed=500 + k))
+        for k in range(PROGRAMME_RUNS)
+    ]
+    recordings = [arm.record(design, 500 + k) for k, design in enumerate(designs)]
+    model = identify(arm.robot, recordings, (), request.choices)
+    found = diagnose(model, recordings).recommended
+    return sum(design.duration for design in designs) / 60, (*model.model.effects, *found)
+
+
+def has_hidden(arm: VirtualArm, effects) -> bool:
+    """Return whether the hidden effect, or its equal, is among effects, on its joint."""
+    hidden = arm.hidden.choice
+    found = [choice for choice in effects if choice.effect in (hidden.effect, EQUALS.get(hidden.effect))]
+    return any(not choice.joints or set(hidden.joints) & set(choice.joints) for choice in found)
+
+
+def find_named(arm: VirtualArm, history) -> float:
+    """Return the robot minutes after which the hidden effect stays among what a campaign adds; infinite if never."""
+    minutes = np.inf
+    for at, run, *_ in reversed(history):
+        if not has_hidden(arm, run.added):
+            break
+        minutes = at
+    return minutes
+
+
 def find_goal(history, goal: float) -> float:
     """Return the robot minutes after which the true error stays at the goal; infinite where it does not."""
     minutes = np.inf
@@ -226,6 +273,24 @@ def find_goal(history, goal: float) -> float:
             break
         minutes = at
     return minutes
+
+
+def print_runs(state, history) -> None:
+    """Print of each run what was promised, achieved and true on its worst joint, and what was added."""
+    names = state.targets
+    for k, (minutes, run, true, (ask, tell)) in enumerate(history):
+        worst = int(np.argmax(run.errors))
+        promised = "–" if run.promised is None else format_percent(float(run.promised.max()))
+        changed = ", effects changed" if run.is_changed else ""
+        added = "; ".join(f"{c.effect}@{'+'.join(c.joints)}" for c in run.added)
+        print(
+            f"  run {k + 1}, {minutes:.2f} min: promised {promised}, stated {format_percent(float(run.errors.max()))} "
+            f"({names[worst]}, lacking {format_percent(float(run.lacking[worst]))}), true "
+            f"{format_percent(float(true.max()))} ({names[int(np.argmax(true))]}); ask {ask:.1f} s, tell {tell:.1f} s"
+            f"{changed} {added}",
+            flush=True,
+        )
+    print(f"  {state.decision.sentence}", flush=True)
 
 
 def print_curves(curves, goal: float) -> None:
@@ -259,7 +324,10 @@ class Tally:
     ratios: list[float] = field(default_factory=list)
     reached: list[bool] = field(default_factory=list)
     beyond: list[bool] = field(default_factory=list)
+    given_up: list[bool] = field(default_factory=list)
     named: list[bool] = field(default_factory=list)
+    minutes_to_name: list[float] = field(default_factory=list)
+    programme: list[tuple[float, bool]] = field(default_factory=list)
     seconds: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, arm: VirtualArm, state, history) -> None:
@@ -273,10 +341,10 @@ class Tally:
             self.reached.append(is_true)
         if state.decision.code == "not_reachable":
             self.beyond.append(not is_true)
+            self.given_up.append(not is_reached_after_all(arm, state))
         if arm.hidden is not None:
-            hidden = arm.hidden.choice
-            found = [c for c in state.identification.model.effects if c.effect == hidden.effect]
-            self.named.append(any(not c.joints or set(hidden.joints) & set(c.joints) for c in found))
+            self.named.append(has_hidden(arm, state.identification.model.effects))
+            self.minutes_to_name.append(find_named(arm, history))
 
     def print(self) -> None:
         """Print the shares of what was true."""
@@ -287,10 +355,17 @@ class Tally:
         for words, found in (
             ("said reached, and the true error is at the goal", self.reached),
             ("said not to be reached, and the true error is above the goal", self.beyond),
+            ("said not to be reached, and it is not when the campaign goes on", self.given_up),
             ("hidden effect in the model at the end", self.named),
         ):
             if found:
                 print(f"{words}: {np.mean(found):.0%} of {len(found)}")
+        if self.programme:
+            minutes, named = np.array(self.programme).T
+            print(
+                f"hidden effect named to stay after {np.median(self.minutes_to_name):.2f} min (median); a fixed "
+                f"programme of {PROGRAMME_RUNS} runs takes {np.median(minutes):.2f} min and names {np.mean(named):.0%}"
+            )
         longest = np.max(self.seconds, axis=0)
         print(f"longest ask {longest[0]:.1f} s, tell {longest[1]:.1f} s of processor time")
 
@@ -322,6 +397,9 @@ def main() -> None:
             arm = (MujocoArm if asked.mujoco else VirtualArm)(name, seed, hidden)
             state, history = run_campaign(arm, CampaignRequest(error=asked.goal, minutes=asked.minutes, design=design))
             tally.add(arm, state, history)
+            if asked.hidden:
+                at, effects = run_programme(arm, state.request)
+                tally.programme.append((at, has_hidden(arm, effects)))
             if asked.rivals:
                 curves["campaign"].append([(at, float(error.max())) for at, _, error, _ in history])
                 for kind in RIVALS:
@@ -333,6 +411,7 @@ def main() -> None:
                 format_percent(float(run.errors.max())), format_percent(float(true.max())), added or "–",
             ])  # fmt: skip
             print(rows[-1], flush=True)
+            print_runs(state, history)
     heads = ["arm", "seed", "hidden", "decision", "runs", "minutes", "stated", "true", "added"]
     print(format_text_table("Campaigns", heads, rows, len(rows), right_from=4))
     tally.print()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from dynident.estimation import FactorAccumulator, Reduction, compute_correlation_factor, solve_ordinary, statistics
+from dynident.estimation.residual_correlation import count_correlation_freedom
 
 P, M, RATE = 5, 6000, 50.0
 
@@ -105,6 +106,17 @@ def test_neither_units_nor_the_order_of_stretches_change_the_factor(seed, scales
     assert compute_correlation_factor(reduction.equations[0], solve_ordinary(reduction).values) == pytest.approx(
         plain, rel=1e-6
     )
+
+
+def test_the_factor_scatters_as_its_degrees_of_freedom_say():
+    rng = np.random.default_rng(6)
+    w = smooth(rng, (1000, P), 0.9)
+    found = [factor_of(w, w @ np.ones(P) + smooth(rng, (1000, 1), 0.8)[:, 0]) for _ in range(200)]
+    freedom = count_correlation_freedom(reduced(w, w @ np.ones(P)).equations[0])
+    # Ten blocks of five columns have at most 45.
+    assert 15.0 < freedom < 45.0
+    assert np.log(found).std() == pytest.approx(np.sqrt(2.0 / freedom), rel=0.25)
+    assert count_correlation_freedom(reduced(w[:100], w[:100, 0], block_length=0.6).equations[0]) == 1.0
 
 
 def test_too_few_stretches_to_see_a_correlation_claim_none():

@@ -15,13 +15,16 @@ import pytest
 from service_helpers import free_port, let_leases_run_out, wait_for
 from support.processes import is_running
 
+from dynident.robot import library_table
+from dynident_client import Client
 from dynident_service.storage.database import Database
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.repository_values import NewJob
 
 pytestmark = pytest.mark.slow
 
-SERVICE = Path(__file__).with_name("service_without_science.py")
+SERVICE = (str(Path(__file__).with_name("service_without_science.py")),)
+WHOLE_SERVICE = ("-m", "dynident_service")
 Serve = Callable[..., tuple[subprocess.Popen[bytes], httpx2.Client]]
 
 
@@ -30,7 +33,7 @@ def serve(tmp_path: Path) -> Iterator[Serve]:
     """Starts the service as a process of its own, on the same data each time."""
     running: list[subprocess.Popen[bytes]] = []
 
-    def start(**more: str) -> tuple[subprocess.Popen[bytes], httpx2.Client]:
+    def start(program: tuple[str, ...] = SERVICE, **more: str) -> tuple[subprocess.Popen[bytes], httpx2.Client]:
         port = free_port()
         variables = {
             "DYNIDENT_DATA_DIR": str(tmp_path / "data"),
@@ -39,7 +42,7 @@ def serve(tmp_path: Path) -> Iterator[Serve]:
             "DYNIDENT_LOG_LEVEL": "warning",
             **more,
         }
-        process = subprocess.Popen([sys.executable, SERVICE], env={**os.environ, **variables})
+        process = subprocess.Popen([sys.executable, *program], env={**os.environ, **variables})
         running.append(process)
         client = httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30)
         wait_for(lambda: answers(client), timeout=60)
@@ -177,6 +180,61 @@ def test_a_client_that_lost_its_connection_follows_on_where_it_was(serve: Serve,
     assert identifiers == sorted(set(identifiers))
     with client.sse(f"/v1/jobs/{job_id}/events") as source:
         assert [int(event.id) for event in source] == identifiers
+
+
+def test_a_campaign_of_ten_runs_goes_on_through_two_kills(serve: Serve, database_of_service: Database) -> None:
+    process, http = serve(WHOLE_SERVICE)
+    live = Client(str(http.base_url))
+    robot = live.robots.create("scara", modified_dh=library_table("scara"))
+    campaign_id = live.campaigns.create(
+        robot,
+        # Not reached in ten runs of so few seconds, but within reach of the robot time that is left.
+        goal={"kind": "parameters", "parameters": ["Fc1"], "error": 0.001},
+        budget={"robot_time": 360000.0, "runs": 10000},
+        trajectory={"duration": 4.0, "harmonics": 2, "sampling_rate": 100.0},
+        starts=1,
+    ).id
+    drives = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
+    told, asked = [], []
+    for number in range(1, 11):
+        step = live.campaigns.ask(campaign_id)
+        if number == 4:
+            process, live = kill_and_start_again(serve, process, live, database_of_service, step["job_id"])
+            # Asked again, as a client does that lost the answer: the same motion.
+            assert live.campaigns.ask(campaign_id).id == step.id
+        design = live.designs.get(step.id).wait()
+        simulation = live.simulations.create(
+            robot.id, effects=drives, design=design, seed=number, name=f"run{number}"
+        ).wait()
+        told.append(simulation.result["measurement_id"])
+        asked.append(design.id)
+        step = live.campaigns.tell(campaign_id, told[-1])
+        if number == 7:
+            process, live = kill_and_start_again(serve, process, live, database_of_service, step["job_id"])
+            assert live.campaigns.get(campaign_id).state == "estimating"
+        model = live.identifications.get(step.id).wait()
+        assert model["request"]["measurement_ids"] == told
+    campaign = live.campaigns.get(campaign_id)
+    assert campaign.state == "asking", campaign["decision"]
+    runs = [made for one in campaign.steps for made in one["runs"]]
+    assert [made["measurement_id"] for made in runs] == told
+    assert [made["design_id"] for made in runs] == asked
+    assert any(made["promised"] for made in runs[1:])
+    assert max(runs[-1]["achieved"]) < 0.5 * max(runs[0]["achieved"])
+
+
+def kill_and_start_again(
+    serve: Serve, process: subprocess.Popen[bytes], live: Client, database: Database, job_id: str
+) -> tuple[subprocess.Popen[bytes], Client]:
+    """Kill a service while it computes a job, start it on the same data, and wait until it computes the job again."""
+    wait_for(lambda: live.jobs.get(job_id)["state"] == "running", timeout=60)
+    process.kill()
+    process.wait()
+    let_leases_run_out(database)
+    process, http = serve(WHOLE_SERVICE)
+    live = Client(str(http.base_url))
+    wait_for(lambda: live.jobs.get(job_id)["attempt"] == 2, timeout=60)
+    return process, live
 
 
 def state(client: httpx2.Client, job_id: str) -> Any:

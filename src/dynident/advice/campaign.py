@@ -28,7 +28,6 @@ from dynident.advice.prediction_error import (
     check_targets,
     compare_with_run,
     compute_target_errors,
-    follows_design,
     is_of_motion,
     list_targets,
     predict_errors,
@@ -39,6 +38,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, Design, design_experiment
 from dynident.excitation.criteria.prediction_region import Region, draw_region
+from dynident.excitation.design_result import follows_design
 from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification, extend, identify
 from dynident.motion.limits.bounds import slow_down_limits
@@ -338,7 +338,8 @@ def add_run(
     # From the effects asked for each time: what one run alone suggested has to show in all of them.
     choices = add_load(state.request, recordings).choices
     identification = identify(state.robot, recordings, (), choices, scale_progress(progress, 0.0, 0.3))
-    diagnosis = diagnose(identification, recordings, progress=scale_progress(progress, 0.3, 0.9))
+    diagnosed, has_limits = scale_progress(progress, 0.3, 0.9), state.request.goal == "effects"
+    diagnosis = diagnose(identification, recordings, with_limits=has_limits, progress=diagnosed)
     added = tuple(choice for choice in diagnosis.recommended if is_of_motion(choice))
     if added:
         identification = extend(identification, added, recordings, (), scale_progress(progress, 0.9, 1.0))
@@ -405,8 +406,7 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     aim = f"The goal of {format_percent(goal)}" if has_error else "The goal"
     stand = f"Error: {reached}" if has_error else reached
     remarks = _describe_promise(run, names)
-    design = state.request.design
-    duration = compute_planned_seconds(design) if planned is None else planned.design.duration
+    duration = compute_planned_seconds(state.request.design) if planned is None else planned.design.duration
     has_time = state.seconds_left >= duration and len(state.runs) < state.request.runs
     if state.request.goal == "payload" and measure is None and has_time:
         words = (
@@ -444,12 +444,12 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))
-            unloaded = ", more runs without the load" if state.request.goal == "payload" else ""
+            unloaded = ", also without the load" if state.request.goal == "payload" else ""
             return Decision(
                 "not_reachable",
-                f"The time that is left brings {names[joint]} to {_word_share(state, float(at_end[joint]))}, not to "
-                f"{format_percent(goal)}; now it is {reached}. Give more minutes{unloaded}, wider limits or a larger "
-                f"error.{remarks}",
+                f"What is left of time and runs brings {names[joint]} to {_word_share(state, float(at_end[joint]))}, "
+                f"not to {format_percent(goal)}; now it is {reached}. Give more minutes or runs{unloaded}, "
+                f"wider limits or a larger error.{remarks}",
             )
     wanted = {
         "effects": "its usual size has to show",
@@ -481,11 +481,11 @@ def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, e
 
 
 def _predict_end(state: CampaignState, measure: ErrorMeasure, planned: PlannedRun) -> FloatArray:
-    """Return the errors (k,) once the last motion, or all so far, were repeated for all the time that is left."""
+    """Return the errors (k,) once the last motion, or all so far, were repeated in the time and runs that are left."""
     assert state.identification is not None
-    repetitions = state.seconds_left / planned.design.duration
-    again = predict_errors(state.identification, measure, planned.design, state.recordings[-1], repetitions)
-    all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + state.seconds_left))
+    left = min(state.seconds_left, (state.request.runs - len(state.runs)) * (duration := planned.design.duration))
+    again = predict_errors(state.identification, measure, planned.design, state.recordings[-1], left / duration)
+    all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + left))
     return np.asarray(np.hypot(np.minimum(again, all_again), state.runs[-1].lacking))
 
 

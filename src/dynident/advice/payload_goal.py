@@ -51,7 +51,7 @@ class PayloadErrors:
     freedom: FloatArray
     tolerances: FloatArray
 
-    def compute_errors(self, covariance: FloatArray, freedom: float) -> FloatArray:
+    def compute_errors(self, covariance: FloatArray) -> FloatArray:
         """Return the half-widths (k,) of the 95 % intervals, each as a share of the one asked for."""
         return np.asarray(self._compute_half_widths(covariance) / self.tolerances)
 

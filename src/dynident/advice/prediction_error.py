@@ -15,23 +15,23 @@ import scipy
 
 from dynident.advice.campaign_request import CampaignRequest
 from dynident.advice.payload_goal import name_load_parameters, select_payload_errors
-from dynident.array_types import FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Diagnosis
 from dynident.diagnosis.candidates.candidate_pool import find_places
-from dynident.diagnosis.comparison.measured_against_predicted import compare
+from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
 from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation.parameter_covariance import compute_sandwich_covariance
+from dynident.estimation.residual_correlation import count_correlation_freedom
 from dynident.excitation import CriterionChoice, Design
 from dynident.excitation.criteria.design_criterion import select_parameters
-from dynident.excitation.criteria.prediction_region import Region, collect_region
+from dynident.excitation.criteria.prediction_region import Region
 from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.design_result import expect_recording
 from dynident.identification import Identification
-from dynident.recordings import Recording
-from dynident.recordings.row_storage import load_stored_samples
+from dynident.recordings import Preprocessing, Recording, low_pass
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import FurtherSignals, RegressorInputs
 from dynident.robot import Robot
@@ -40,11 +40,8 @@ CONFIDENCE = 0.95
 """Probability with which the true error stays below the stated one."""
 # Draws from the distribution of the parameters: the quantile of an error is then known to about 3 % of itself.
 _DRAWS = 1000
-_PLANNED_SAMPLES = 2000
-# A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
-# planned one, and where the travel of each joint and the median of their speeds are at least this part of the planned.
-# Joints with less travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
-_ON_PATH, _NEAR, _LEAST_PART, _STANDS, _MOVES = 0.9, 0.1, 0.7, 1e-3, 0.05
+# One-sided 95 % quantile of a normal distribution.
+_BEYOND_CHANCE = 1.645
 _PROPOSED_BY_LINES = ("angle_spectrum", "time_spectrum")
 # Directions of the covariance below this share of the largest, columns of unit norm, are known exactly.
 _EXACT = 1e-14
@@ -53,7 +50,7 @@ _EXACT = 1e-14
 class ErrorMeasure(Protocol):
     """What a covariance of the parameters means for the targets of a campaign: joints, parameters, a load."""
 
-    def compute_errors(self, covariance: FloatArray, freedom: float) -> FloatArray:
+    def compute_errors(self, covariance: FloatArray) -> FloatArray:
         """Return the relative errors (k,) of the targets that the truth stays below with 95 % probability."""
 
 
@@ -75,7 +72,7 @@ class ParameterErrors:
     values: FloatArray
     freedom: FloatArray
 
-    def compute_errors(self, covariance: FloatArray, freedom: float) -> FloatArray:
+    def compute_errors(self, covariance: FloatArray) -> FloatArray:
         """Return the half-widths (k,) of the 95 % intervals over the values, with each one's own freedom."""
         deviations = np.sqrt(np.maximum(np.diag(covariance)[self.indices], 0.0))
         sizes = np.maximum(np.abs(self.values), np.finfo(float).tiny)
@@ -92,25 +89,27 @@ class RegionRows:
         Mean of wᵀw over the rows w of the region's states.
     torque : (n,)
         Rms of the predicted torque over the region, N m or N, at least the noise of the joint.
+    freedom : float
+        Degrees of freedom with which the covariance of the parameters is known.
     """
 
     moments: FloatArray
     torque: FloatArray
+    freedom: float
 
-    def compute_errors(self, covariance: FloatArray, freedom: float) -> FloatArray:
-        """Return the relative errors (n,) that parameters of this covariance stay below with 95 % probability.
+    def compute_errors(self, covariance: FloatArray) -> FloatArray:
+        """Return the relative errors (n,) that parameters of this covariance stay below, all joints together.
 
         Parameters
         ----------
         covariance : (b, b)
             Covariance of the parameters.
-        freedom : float
-            Degrees of freedom with which the covariance is known.
 
         Returns
         -------
         (n,)
-            Quantile over draws of the rms error of the predicted torque over the region, over its rms torque.
+            Rms errors of the predicted torque over the region, over its rms torque: of 100 draws of the parameters 95
+            are below them on every joint. Each is the same multiple of its joint's own quantile.
         """
         scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -119,9 +118,12 @@ class RegionRows:
         rng = np.random.default_rng(0)
         errors = rng.standard_normal((_DRAWS, len(scale))) @ root.T
         # Student's t: the covariance itself is an estimate.
-        errors *= np.sqrt(freedom / rng.chisquare(freedom, _DRAWS))[:, None]
+        errors *= np.sqrt(self.freedom / rng.chisquare(self.freedom, _DRAWS))[:, None]
         squares = np.einsum("da,jab,db->dj", errors, self.moments, errors, optimize=True)
-        return np.asarray(np.quantile(np.sqrt(np.maximum(squares, 0.0)), CONFIDENCE, axis=0) / self.torque)
+        sizes = np.sqrt(np.maximum(squares, 0.0))
+        own = np.quantile(sizes, CONFIDENCE, axis=0)
+        shares = np.divide(sizes, own, out=np.zeros_like(sizes), where=own > 0)
+        return np.asarray(own * np.quantile(shares.max(axis=1, initial=0.0), CONFIDENCE) / self.torque)
 
 
 def select_parameter_errors(identification: Identification, names: Sequence[str]) -> ParameterErrors:
@@ -175,7 +177,7 @@ def compute_region_rows(identification: Identification, region: Region) -> Regio
     torque = np.sqrt(((rows @ identification.values) ** 2).mean(axis=0))
     # Where the region needs hardly any torque of a joint, errors are relative to its noise.
     moments = np.einsum("mja,mjb->jab", rows, rows, optimize=True) / len(rows)
-    return RegionRows(moments, np.maximum(torque, identification.noise))
+    return RegionRows(moments, np.maximum(torque, identification.noise), _count_pooled_freedom(identification))
 
 
 def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
@@ -209,9 +211,7 @@ def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray,
 
 def compute_parameter_errors(identification: Identification, measure: ErrorMeasure) -> FloatArray:
     """Return the relative errors (k,) of the targets that uncertain parameters cause, with 95 % probability."""
-    return measure.compute_errors(
-        _compute_covariance(identification, measure), identification.statistics.median_freedom
-    )
+    return measure.compute_errors(_compute_covariance(identification, measure))
 
 
 def _compute_covariance(identification: Identification, measure: ErrorMeasure) -> FloatArray:
@@ -234,7 +234,27 @@ def _pool_inflation(identification: Identification) -> FloatArray:
     """
     counts, effective = identification.data.training.row_counts, identification.statistics.effective_rows
     own = np.divide(counts, effective, out=np.ones(len(counts)), where=effective > 0)
-    return np.asarray(np.sqrt(own * np.exp(np.log(own).mean())))
+    return np.asarray(np.exp(_build_pooling_weights(counts > 0) @ np.log(own)))
+
+
+def _build_pooling_weights(has_rows: BoolArray) -> FloatArray:
+    """Return the weights (n, n) of the joints' logarithms: half their own and half the mean of those that have rows."""
+    n = len(has_rows)
+    return 0.5 * np.eye(n) + 0.5 * np.tile(has_rows / max(has_rows.sum(), 1), (n, 1))
+
+
+def _count_pooled_freedom(identification: Identification) -> float:
+    """Return the degrees of freedom of the pooled factor that is known worst.
+
+    The blocks of one parameter give a handful, and that of its intervals swings with every run: stated errors of the
+    torque would with it.
+    """
+    training = identification.data.training
+    has_rows = training.row_counts > 0
+    own = np.array([count_correlation_freedom(equation) for equation in training.equations])
+    # The variance of the logarithm of a mean square is 2 over its degrees of freedom.
+    spread = _build_pooling_weights(has_rows)[has_rows] ** 2 @ (1.0 / own)
+    return float(1.0 / spread.max()) if len(spread) else 1.0
 
 
 def predict_errors(
@@ -289,45 +309,9 @@ def predict_errors(
     left = update @ pooled @ update.T + bread @ spread @ bread.T
     # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
     covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
-    now, of_pooled, then = (measure.compute_errors(covariance, statistics.median_freedom) for covariance in covariances)
+    now, of_pooled, then = map(measure.compute_errors, covariances)
     ratio = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now + of_pooled) & (of_pooled > 0))
     return np.asarray(ratio * then)
-
-
-def follows_design(recording: Recording, design: Design) -> bool:
-    """Return whether a recording is of a planned motion, however late it begins; only then its promise counts.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    design : Design
-        The planned motion.
-    """
-    recorded = collect_region([recording])
-    travel = np.maximum(np.ptp(design.q, axis=0), np.finfo(float).tiny)
-    planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
-    tree = scipy.spatial.cKDTree(planned / travel)
-    distances, _ = tree.query(recorded.q / travel, p=np.inf)
-    if np.mean(distances <= _NEAR) < _ON_PATH:
-        return False
-    # Of the samples that move alone: a recording may begin long before the motion.
-    slowest = _MOVES * np.abs(design.dq).max(axis=0)
-    moved = travel > _STANDS
-    if not moved.any():
-        return True
-    # Slower is slower on all joints; filters take the speed of a single one that shakes.
-    speeds = _compute_moving_rms(recorded.dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
-    # Filters cut the ends of a motion off, where a joint may be farthest out.
-    columns = load_stored_samples(recording).columns
-    is_wide = np.array([np.ptp(columns[f"q_{name}"]) for name in recording.joint_names]) >= _LEAST_PART * travel
-    return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
-
-
-def _compute_moving_rms(dq: FloatArray, slowest: FloatArray) -> FloatArray:
-    """Return the rms speed (n,) of each joint's samples that are faster than `slowest` (n,)."""
-    moves = np.abs(dq) > slowest
-    return np.asarray(np.sqrt((moves * dq**2).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +323,8 @@ class RunErrors:
     predicted : (n,)
         Relative error of the predicted torque where joints move; 0.05 is 5 %.
     lacking : (n,)
-        Rms of the residual above the noise floor and the uncertainty of the parameters, N m or N: what the model lacks.
+        Rms of the residual above the noise floor, N m or N, beyond what chance explains: the model lacks at least this.
+        Of a run that the model was fitted to.
     """
 
     predicted: FloatArray
@@ -359,15 +344,27 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
     Returns
     -------
     RunErrors
-        Errors of the prediction, and what of them is neither noise nor uncertainty.
+        Errors of the prediction, and what of them is more than noise.
     """
     comparison = compare(identification, recording)
-    floor = judge(comparison, recording, identification.preprocessing).noise.values
+    noise = judge(comparison, recording, identification.preprocessing).noise
     errors = comparison.moving_errors
-    moves = comparison.off_halts
-    uncertain = np.where(moves, comparison.deviation**2, 0.0).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)
-    explained = floor**2 + uncertain
-    return RunErrors(errors.relative, np.sqrt(np.maximum(errors.rms**2 - explained, 0.0)))
+    squares, floor = errors.rms**2, noise.values**2
+    # A mean square of noise scatters. Without this allowance a short run of a joint whose torque is near its noise
+    # would seem to lack some per cent of it by chance, and no further run would change that.
+    worth = np.maximum(_count_independent_noise(comparison, recording, identification.preprocessing), 1.0)
+    # A floor from repetitions is such a mean square itself.
+    n_scattering = 2.0 if noise.source == "repeated_periods" else 1.0
+    allowance = _BEYOND_CHANCE * floor * np.sqrt(2.0 * n_scattering / worth)
+    return RunErrors(errors.relative, np.sqrt(np.maximum(squares - floor - allowance, 0.0)))
+
+
+def _count_independent_noise(comparison: Comparison, recording: Recording, preprocessing: Preprocessing) -> FloatArray:
+    """Return how many independent samples (n,) the mean square of filtered white noise is worth where joints move."""
+    taps = low_pass(recording.sampling_rate, preprocessing.torque_cutoff)
+    correlation = np.correlate(taps, taps, "full") / float(taps @ taps)
+    moving_time = comparison.moving.sum(axis=0) * float(np.median(np.diff(comparison.t)))
+    return np.asarray(moving_time * recording.sampling_rate / float(correlation @ correlation))
 
 
 def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str, ...]:

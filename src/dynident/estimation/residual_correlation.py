@@ -81,6 +81,31 @@ def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray
     return reduction.row_counts / compute_correlation_factors(reduction, values)
 
 
+def count_correlation_freedom(equation: EquationFactors) -> float:
+    """Return the degrees of freedom with which an equation's correlation factor is known, at least 1.
+
+    Parameters
+    ----------
+    equation : EquationFactors
+        The rows of one equation, by blocks of time.
+
+    Returns
+    -------
+    float
+        (tr Ω)² / tr Ω² (Satterthwaite), Ω the form in the residuals that the sum of the scores' squares is; 1 where
+        there are too few blocks or rows to tell.
+    """
+    columns = equation.whitened_columns
+    if columns is None or not _is_determined(equation.factors[:, :, :-1], float(equation.counts.sum())):
+        return 1.0
+    grams = columns.rows.transpose(0, 2, 1) @ columns.rows
+    squares = grams @ grams
+    trace = columns.count - columns.spread
+    # The residuals are those of a fit, which takes its own part out of every block's score.
+    cubes, overlap = float(np.sum(squares * grams)), float(np.sum(squares.sum(axis=0) ** 2))
+    return max(1.0, trace**2 / max(columns.spread - 2.0 * cubes + overlap, np.finfo(float).tiny))
+
+
 def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
     """Return the correlation factor of columns and residuals, as `compute_correlation_factor` does.
 

@@ -19,7 +19,19 @@ from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.limits.limit_margins import Margin
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.recordings.joint_phases import find_phases
+from dynident.recordings.row_storage import load_stored_samples
 from dynident.robot.robot_model import Robot
+
+_PLANNED_SAMPLES = 2000
+# Speeds are differences of positions so many seconds before and after: less is noise of the positions.
+_SPEED_SPAN = 0.05
+# Share of its reversals at which a joint has to stick to be expected to stick: one that lingers by itself at some slow
+# reversals seems to stick there, and does not at fast ones.
+_MOST = 0.75
+# A recording follows a planned motion where so many of its postures are within this share of each joint's travel of a
+# planned one, and where the travel of each joint and the median of their speeds are at least this part of the planned.
+# Joints with less travel than the fourth (rad or m) stand; samples above the fifth part of the top speed move.
+_ON_PATH, _NEAR, _LEAST_PART, _STANDS, _MOVES = 0.9, 0.1, 0.7, 1e-3, 0.05
 
 
 def find_nearest_along(
@@ -171,7 +183,7 @@ class Design(KnownNames):
 def expect_recording(design: Design, last: Recording) -> Recording:
     """Return the recording that a motion will have, without torque.
 
-    A joint that stuck at most of its reversals in the last recording will stick for the shortest time of these.
+    A joint that stuck at nearly all of its reversals in the last recording will stick for the shortest time of these.
 
     Parameters
     ----------
@@ -195,7 +207,7 @@ def expect_recording(design: Design, last: Recording) -> Recording:
         fields = ((each.turns, each.sticks, each.ends - each.starts) for each in halts)
         turns, sticks, lengths = (np.concatenate(parts) for parts in zip(*fields, strict=True))
         sticks &= turns
-        if not sticks.any() or 2 * sticks.sum() < turns.sum():
+        if not sticks.any() or sticks.sum() < _MOST * turns.sum():
             continue
         hold = float(lengths[sticks].min())
         for k in np.flatnonzero(dq[:-1, j] * dq[1:, j] < 0):
@@ -204,3 +216,49 @@ def expect_recording(design: Design, last: Recording) -> Recording:
             late = t[k] + np.maximum(0.0, 2 * (t[after] - t[k] - hold))
             q[after, j] = np.interp(late, t, planned[:, j])
     return recording_from_arrays(t, q, np.zeros_like(q), joint_names=last.joint_names, name=last.name)
+
+
+def follows_design(recording: Recording, design: Design) -> bool:
+    """Return whether a recording is of a planned motion, however late it begins; only then its promise counts.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    design : Design
+        The planned motion.
+    """
+    # Of all recorded rows: filters cut the ends of a short motion off, where its speed may be highest.
+    columns = load_stored_samples(recording).columns
+    positions = np.column_stack([columns[f"q_{name}"] for name in recording.joint_names])
+    span = max(1, round(_SPEED_SPAN / recording.period))
+    paths = [
+        positions[segment.first_row : segment.first_row + segment.length]
+        for segment in recording.segments
+        if segment.length > 2 * span
+    ]
+    if not paths:
+        return False
+    q = np.concatenate([path[span:-span] for path in paths])
+    dq = np.concatenate([path[2 * span :] - path[: -2 * span] for path in paths]) / (2 * span * recording.period)
+    travel = np.maximum(np.ptp(design.q, axis=0), np.finfo(float).tiny)
+    planned = design.q[:: max(1, len(design.q) // _PLANNED_SAMPLES)]
+    tree = scipy.spatial.cKDTree(planned / travel)
+    distances, _ = tree.query(q[:: max(1, len(q) // _PLANNED_SAMPLES)] / travel, p=np.inf)
+    if np.mean(distances <= _NEAR) < _ON_PATH:
+        return False
+    # Of the samples that move alone: a recording may begin long before the motion.
+    slowest = _MOVES * np.abs(design.dq).max(axis=0)
+    moved = travel > _STANDS
+    if not moved.any():
+        return True
+    # Slower is slower on all joints; a single one may shake.
+    speeds = _compute_moving_rms(dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
+    is_wide = np.ptp(positions, axis=0) >= _LEAST_PART * travel
+    return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
+
+
+def _compute_moving_rms(dq: FloatArray, slowest: FloatArray) -> FloatArray:
+    """Return the rms speed (n,) of each joint's samples that are faster than `slowest` (n,)."""
+    moves = np.abs(dq) > slowest
+    return np.asarray(np.sqrt((moves * dq**2).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)))
