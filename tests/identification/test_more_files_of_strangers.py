@@ -29,12 +29,11 @@ from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.cells_without_numbers import find_quantities
 from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.formats import open_source
+from dynident.recordings.formats.packed_messages import find_labels, name_labelled_numbers
 from dynident.recordings.formats.text_streams import (
     RewrittenText,
-    find_labels,
     flatten_lists,
     has_minus_elsewhere,
-    name_labelled_numbers,
 )
 from dynident.recordings.time_columns import RestartingSource
 from dynident.robot import Robot, robot_from_urdf
