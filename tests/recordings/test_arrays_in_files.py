@@ -299,3 +299,14 @@ def test_arrays_whose_clocks_have_no_moment_in_common_are_left_out_by_name(tmp_p
     assert ["longest" in other for other in others] == [True] * bool(n_further)
     assert not any("tau" in name for name in source.names)
     assert any(name.endswith("q1") for name in source.names)
+
+
+def test_an_array_of_structures_that_are_rows_says_how_to_save_it(tmp_path):
+    rows = np.zeros((200, 1), dtype=[("t", object), ("q", object)])
+    for k in range(200):
+        rows[k, 0] = (0.01 * k, np.full((1, 3), 0.1 * k))
+    savemat(tmp_path / "rows.mat", {"log": rows})
+    with pytest.raises(RecordingError, match=r"array of structures, one for each row: .* q = vertcat\(log\.q\)"):
+        open_source(tmp_path / "rows.mat", None)
+    savemat(tmp_path / "rows.mat", {"log": rows, "q": np.zeros((200, 3))})
+    assert list(open_source(tmp_path / "rows.mat", None).names) == ["q1", "q2", "q3"]

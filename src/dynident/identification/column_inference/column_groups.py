@@ -86,6 +86,7 @@ def find_torque_of_most_joints(
     if torques is None:
         return None
     first, columns = torques
+    columns = columns | _find_forces_of_sliding_joints(named, robot, columns)
     asked = ask_to_lock_still_joints(robot, positions, [k for k in range(robot.n) if k not in columns])
     if asked is not None:
         return asked
@@ -93,6 +94,22 @@ def find_torque_of_most_joints(
     return ColumnGroup(
         members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"
     )
+
+
+def _find_forces_of_sliding_joints(
+    named: Sequence[ColumnName], robot: Robot, columns: Mapping[int, int]
+) -> dict[int, int]:
+    """Return the columns of sliding joints that are counted as the torques of the others are, and called forces."""
+    joint, column = next(iter(columns.items()))
+    if len(named[column].numbers) != 1:
+        return {}
+    numbers = {named[column].numbers[0] - joint + k: k for k in range(robot.n) if k not in columns}
+    forces = {
+        numbers[other.numbers[0]]: index
+        for index, other in enumerate(named)
+        if len(other.numbers) == 1 and other.numbers[0] in numbers and _FORCES & set(other.words)
+    }
+    return {joint: index for joint, index in forces.items() if robot.joints[joint].kind == "prismatic"}
 
 
 def ask_to_lock_still_joints(robot: Robot, positions: FloatArray, joints: Sequence[int]) -> Question | None:

@@ -68,6 +68,7 @@ _UNITS = {
     "nmm": "N mm", "n": "N", "mn": "mN", "kn": "kN", "a": "A", "ma": "mA", "amp": "A", "ampere": "A", "s": "s",
     "sec": "s", "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "permille": "permille",
     "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
+    "pct": "percent", "prozent": "percent",
     "k": "K", "min": "min", "h": "h", "kgfcm": "kgf cm", "kgcm": "kgf cm", "kgfm": "kgf m", "gfcm": "gf cm",
     "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
     "kgf": "kgf", "lbf": "lbf", "gon": "gon", "mdeg": "mdeg", "arcmin": "arcmin", "arcsec": "arcsec", "cnm": "cN m",
@@ -76,7 +77,7 @@ _UNITS = {
 }  # fmt: skip
 _SUFFIXES = _split_words(
     "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm um rpm nm mnm knm ncm a ma s sec ms us ns permille "
-    "promille percent degc"
+    "promille percent pct prozent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
           ("turns", "s"): "rev/s",
@@ -118,7 +119,7 @@ PENDANTS = (
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
 _ENDING = re.compile(
     r"[_ .\-](mA|mNm|kNm|cNm|daNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|kgf|lbf|mrad|rpm|"
-    r"permille|promille|ms|us|ns|mm|cm)$",
+    r"permille|promille|percent|pct|ms|us|ns|mm|cm)$",
     re.IGNORECASE,
 )
 _NUMBER_BEHIND = re.compile(r"[_ .\-]\d+$")
