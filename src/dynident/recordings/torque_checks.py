@@ -160,10 +160,10 @@ def _describe_brake(joint: int, flat: BoolArray, tau: FloatArray, q: FloatArray,
         return ""
     first, last = np.flatnonzero(works)[[0, -1]]
     off = [f'"tau{other + 1}": "none"' for other in np.flatnonzero(~tau[first : last + 1].any(axis=0))]
-    told = f', and say that the torques of the others were not recorded there ("columns": {{{", ".join(off)}}})'
+    others = f', and say that the torques of the others were not recorded there ("columns": {{{", ".join(off)}}})'
     return (
         "its joint stands there behind its brake, with the drive off, and its load is not in the log. Use the seconds "
-        f'in which it works ("windows": [[{t[first]:.6g}, {t[last]:.6g}]]){told if off else ""}; those of another '
+        f'in which it works ("windows": [[{t[first]:.6g}, {t[last]:.6g}]]){others if off else ""}; those of another '
         "joint are a recording of their own."
     )
 

@@ -42,15 +42,7 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
 
 
 def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
-    """Ask to lock joints that have no column at all; None where the positions are not those of most joints.
-
-    Parameters
-    ----------
-    named : sequence of ColumnName
-        What the names of all columns say.
-    robot : Robot
-        The robot.
-    """
+    """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
     positions = _find_columns_of_most_joints(named, robot, _POSITIONS)
     if positions is None:
         return None
@@ -87,9 +79,9 @@ def find_torque_of_most_joints(
         return None
     first, columns = torques
     columns = columns | _find_forces_of_sliding_joints(named, robot, columns)
-    asked = ask_to_lock_still_joints(robot, positions, [k for k in range(robot.n) if k not in columns])
-    if asked is not None:
-        return asked
+    question = ask_to_lock_still_joints(robot, positions, [k for k in range(robot.n) if k not in columns])
+    if question is not None:
+        return question
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
     return ColumnGroup(
         members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"

@@ -260,8 +260,8 @@ class _ColumnInference(WorkingProposal):
         kind = _read_kind(best)
         if kind in NO_MEASUREMENT:
             self.refuse_kind(kind, self.name_columns(best))
-        elif (asked := self._ask_to_lock_fingers(position, best)) is not None:
-            self.questions.append(asked)
+        elif (question := self._ask_to_lock_fingers(position, best)) is not None:
+            self.questions.append(question)
             return None, "unknown"
         return best, kind
 

@@ -277,9 +277,9 @@ def _list_cells(name: str, item: Any) -> Iterator[_Member]:
     for number, reference in enumerate(np.ravel(item[()]), start=1):
         if not reference:
             continue
-        info = h5py.h5o.get_info(h5py.h5r.dereference(reference, item.id))
+        target = h5py.h5o.get_info(h5py.h5r.dereference(reference, item.id))
         cell = f"{group}{number}/{field}" if is_field else f"{name}{number}"
-        yield cell, info.type, info.addr, partial(item.file.__getitem__, reference)
+        yield cell, target.type, target.addr, partial(item.file.__getitem__, reference)
 
 
 def _kind_and_address(group: Any, key: str) -> tuple[int, int]:

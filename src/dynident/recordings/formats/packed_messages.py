@@ -395,7 +395,7 @@ def separate_plotted(text: str) -> str:
     rows, others = [], []
     for line in text.splitlines():
         if plotted := _PLOTTED.match(line):
-            rows += [f"{time},{plotted[1]},{value}\n" for time, value in re.findall("([^;:]+):([^;]+)", plotted[2])]
+            rows += [f"{time},{plotted[1]},{sample}\n" for time, sample in re.findall("([^;:]+):([^;]+)", plotted[2])]
         elif line.strip():
             # A reader counts and reports rows with another number of cells.
             others.append(re.sub('[,"]', " ", line) + "\n")
