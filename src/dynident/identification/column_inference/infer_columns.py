@@ -279,12 +279,10 @@ class _ColumnInference(WorkingProposal):
 
     def _ask_to_lock_fingers(self, position: ColumnGroup | None, effort: ColumnGroup) -> Question | None:
         """Ask to lock a few joints at the ends of the arm that stand still, and whose torque is 0 in every row."""
-        has_torque = np.nan_to_num(self.values[:, list(effort.columns)]).any(axis=0)
+        has_torque = np.count_nonzero(np.nan_to_num(self.values[:, list(effort.columns)]), axis=0) > 0
         if position is None or 2 * np.count_nonzero(has_torque) < self.robot.n:
             return None
-        silent = [
-            joint for joint in np.flatnonzero(~has_torque).tolist() if joint not in self.robot.joints_without_torque
-        ]
+        silent = np.flatnonzero(~has_torque & self.robot.has_torque).tolist()
         ends = [joint for joint in silent if not has_torque[list(self.robot.list_subtree(joint))].any()]
         return ask_to_lock_still_joints(self.robot, self.values[:, list(position.columns)], ends)
 
