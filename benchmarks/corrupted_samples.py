@@ -5,9 +5,10 @@
 Arms are drawn, with motions along harmonics and from point to point, at several rates, with noise of several tails. In
 each of their recordings samples are spoilt: zeros, the largest value, a stuck one, spikes, single or in bursts.
 `invented`: samples of clean recordings that are called corrupted; `named`: share of the spoilt ones that are found.
+Both have a line with the sum, and `untouched` one of all recordings of real robots as they are.
 `--held-out` spoils so many times each of the recordings of real robots that have a second one (or half), fits links and
 friction, and compares what is left of the second one with what a fit to the clean recording leaves: how often it is at
-most 1.2 times that, of samples of any size, and of small ones.
+most 1.2 times that, of samples of any size, and of small ones; and which share of them is named.
 `--calibrate` shows what the constants of `recordings/conditioning/corrupted_sample_detection.py` stand on: the swings
 of noise of several tails, and the largest of them, in usual steps. Take other seeds for it.
 """
@@ -69,6 +70,7 @@ def invented(seed: int, arms: int) -> None:
 def named(seed: int, arms: int) -> None:
     """Look for those that were planted."""
     print("kind      burst  share   positions   torques   invented")
+    all_hits, all_planted, all_false = np.zeros(2), np.zeros(2), 0
     for kind, longest, share in product(KINDS, (1, 4), (0.001, 0.01, 0.02)):
         hits, planted_in, false = np.zeros(2), np.zeros(2), 0
         for arm, rate, moves in product(range(arms), (100.0, 200.0, 1000.0), (False, True)):
@@ -80,7 +82,29 @@ def named(seed: int, arms: int) -> None:
                 planted_in[part] += planted[:, columns].sum()
             false += int((found & ~planted).sum())
         shares = hits / planted_in
-        print(f"{kind:8} {longest:6} {share:6.1%} {shares[0]:11.1%} {shares[1]:9.1%} {false:10}")
+        print(f"{kind:8} {longest:6} {share:6.1%} {shares[0]:11.1%} {shares[1]:9.1%} {false:10}", flush=True)
+        all_hits, all_planted, all_false = all_hits + hits, all_planted + planted_in, all_false + false
+    shares = all_hits / all_planted
+    print(
+        f"named: {all_hits.sum() / all_planted.sum():.1%} (positions {shares[0]:.1%}, torques {shares[1]:.1%}), ",
+        end="",
+    )
+    print(f"beside them invented: {all_false} samples")
+
+
+def untouched() -> None:
+    """Look for corrupted samples in the recordings of real robots."""
+    n_files = n_samples = 0
+    for path in sorted(DATA.glob("*/**/*.parquet")):
+        folder = DATA / path.relative_to(DATA).parts[0]
+        if not any(folder.glob("*.urdf")) and not (folder / "robot.json").exists():
+            continue
+        columns = columns_of(path)
+        _, calls = _import(recorded_robot(folder.name), columns)
+        n_files, n_samples = n_files + 1, n_samples + sum(map(len, calls.values()))
+        for name, rows in calls.items():
+            print(f"  untouched {path.relative_to(DATA)}: {name}, {len(rows)} of {len(columns['t'])}", flush=True)
+    print(f"untouched: {n_samples} samples are called corrupted in {n_files} recordings of real robots")
 
 
 REAL = (
@@ -100,6 +124,7 @@ def held_out(seed: int, cases: int) -> None:
     rng = np.random.default_rng(seed)
     for small in (False, True):
         ratios: list[float] = []
+        n_planted = n_named = n_beside = 0
         for name, stem, other in REAL:
             robot, first = recorded_robot(name), columns_of(DATA / name / f"{stem}.parquet")
             half = len(first["t"]) // 2
@@ -119,14 +144,21 @@ def held_out(seed: int, cases: int) -> None:
                 # Velocities of the file would contradict spoilt positions.
                 others = {key: first[key] for key in first if key.rstrip("0123456789") not in ("dq", "ddq")}
                 spoilt_file = others | {name: spoilt[:, k] for k, name in enumerate(names)}
-                left = [_left(fit, tried) for fit in (_fit(robot, spoilt_file), clean)]
+                fit, calls = _fit_and_call(robot, spoilt_file)
+                called = np.zeros(planted.shape, dtype=bool)
+                for name, rows in calls.items():
+                    called[np.array(rows) - 1, names.index(name)] = True
+                n_planted, n_named = n_planted + int(planted.sum()), n_named + int((called & planted).sum())
+                n_beside += int((called & ~planted).sum())
+                left = [_left(fit, tried) for fit in (fit, clean)]
                 ratios.append(float(np.sqrt((left[0] ** 2).mean() / (left[1] ** 2).mean())))
                 if ratios[-1] > ALLOWED:
                     words = f"{kind}, {share:.1%}, bursts {longest}, signals {of}"
                     print(f"  {name}: {words}: {ratios[-1]:.2f}", flush=True)
         within = sum(ratio <= ALLOWED for ratio in ratios)
         print(
-            f"{'small' if small else 'any size'}: {within} of {len(ratios)} within {ALLOWED}, worst {max(ratios):.2f}"
+            f"{'small' if small else 'any size'}: {within} of {len(ratios)} within {ALLOWED}, worst {max(ratios):.2f}; "
+            f"named {n_named} of {n_planted} samples ({n_named / n_planted:.1%}), beside them {n_beside}"
         )
 
 
@@ -134,25 +166,40 @@ def _cut(columns: Columns, rows: slice) -> Columns:
     return {name: values[rows] for name, values in columns.items()}
 
 
-def _rows(robot: Robot, columns: Columns) -> Motion:
+def _import(robot: Robot, columns: Columns) -> tuple[Motion, dict[str, tuple[int, ...]]]:
+    """Import columns: the rows of the motion, and the rows (from 1) that are called corrupted, by column."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "file.parquet"
         pq.write_table(pa.table(columns), path)
         joints, metadata = build_recorded_joints(robot), RecordingMetadata(accept=ACCEPT)
-        recording, _ = import_recording(path, Path(folder) / "out.parquet", joints, metadata=metadata)
+        recording, checks = import_recording(path, Path(folder) / "out.parquet", joints, metadata=metadata)
         whole = filter_whole_motion(recording)
     assert whole is not None
-    return thin_out(whole[0])
+    calls = {name: rows for check in checks if check.name == "corrupted_samples" for name, rows in check.rows.items()}
+    numbers = {joint: number + 1 for number, joint in enumerate(robot.joint_names)}
+    named = {f"{kind}_{joint}": f"{kind}{numbers[joint]}" for kind in ("q", "tau", "current") for joint in numbers}
+    return thin_out(whole[0]), {named.get(name, name): rows for name, rows in calls.items()}
+
+
+def _rows(robot: Robot, columns: Columns) -> Motion:
+    return _import(robot, columns)[0]
 
 
 def _fit(robot: Robot, columns: Columns) -> list[tuple[TreeFit, FloatArray]]:
-    """The trees of a robot with the parameters (blocks + 1, c) that explain most of a recording."""
-    motion, fits = _rows(robot, columns), []
+    return _fit_and_call(robot, columns)[0]
+
+
+def _fit_and_call(
+    robot: Robot, columns: Columns
+) -> tuple[list[tuple[TreeFit, FloatArray]], dict[str, tuple[int, ...]]]:
+    """The trees of a robot with the parameters (blocks + 1, c) that explain most of a recording; what is corrupted."""
+    motion, calls = _import(robot, columns)
+    fits = []
     for tree in HeldOutFit(robot)._trees:
         own = tree._select(motion)
         values, _ = tree._solve_weighted(tree._compute_grams(own, tree._get_rows(motion, own)), tree._fit_all)
         fits.append((tree, values))
-    return fits
+    return fits, calls
 
 
 def _left(fits: list[tuple[TreeFit, FloatArray]], motion: Motion) -> FloatArray:
@@ -189,6 +236,7 @@ def main() -> None:
         return
     if options.calibrate:
         calibrate(options.seed)
+    untouched()
     invented(options.seed, options.arms)
     named(options.seed, options.arms)
 

@@ -84,3 +84,26 @@ def test_counts_that_differ_by_joint_are_asked_with_estimates(seed: int) -> None
     assert "and those of other joints" in asked.detail
     estimates = [float(unit.partition(":")[2]) for _, unit in sorted(value.items())]
     np.testing.assert_allclose(estimates, counts[:5], rtol=0.15)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_one_encoder_for_all_joints_is_not_asked_by_joint(seed: int) -> None:
+    given = log("franka_panda", seed)
+    # Servos say coarsely how much they are loaded, in per cent.
+    load = np.round(100.0 * given.tau / np.array([60, 60, 30, 30, 30, 20, 20.0]), 1)
+    columns = given.columns(tau=load, q=np.rint(given.q * 4096 / (2.0 * np.pi)) + 2048)
+    found = guess(given.robot, {name.replace("tau", "load_pct_"): values for name, values in columns.items()})
+    assert found.units["q"] == "counts:4096@2048"
+    assert [one.field for one in found.questions] == ["drives"]
+
+
+def test_gears_that_differ_by_joint_keep_the_count_at_zero() -> None:
+    given = log("ur10", 1)
+    gears = np.array([1.7, 1.0, 1.0, 0.6, 1.0, 1.0])
+    found = guess(given.robot, given.columns(q=np.rint(given.q * gears * 4096 / (2.0 * np.pi)) + 2048))
+    asked = next(one for one in found.questions if one.field == "units/q")
+    value = asked.remedies[0].value
+    assert isinstance(value, dict)
+    estimates = [unit.removeprefix("counts:").partition("@") for _, unit in sorted(value.items())]
+    assert {zero for *_, zero in estimates} == {"2048"}
+    np.testing.assert_allclose([float(counts) for counts, *_ in estimates], 4096 * gears[:5], rtol=0.05)

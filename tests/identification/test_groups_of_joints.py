@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.drawn_recordings import FloatArray, guess, legged, log, log_of, read, signals
-from support.oracles import arm
+from support.oracles import arm, crooked_urdf
 
 from dynident.errors import Remedy
 from dynident.identification import identify
 from dynident.identification.recording_faults.torque_scale import find_excess_friction
 from dynident.identification.recording_faults.tree_fit import list_chains, list_trees
 from dynident.recordings import Check, RecordingError, Revision
-from dynident.robot import Robot
+from dynident.robot import Robot, robot_from_urdf
 from dynident.verdict import verdict
 from dynident_cli.request_options import write_option
 
@@ -181,3 +182,42 @@ def test_a_joint_with_far_more_friction_than_others_with_a_drive_like_its_own_is
     assert limits[3] == limits[4] == limits[5]
     assert find_excess_friction(robot, np.tile(size, (10, 1))) == {5: pytest.approx(10.0)}
     assert find_excess_friction(robot, np.tile(np.where(size == 10.0, 2.4, size), (10, 1))) == {}
+
+
+@pytest.mark.parametrize("value", [0.035, 0.0])
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_a_finger_that_stands_beside_torques_of_zero_is_to_be_locked(value: float, noise: float) -> None:
+    given = log("ur10", 5)
+    rng = np.random.default_rng(6)
+    columns = given.columns()
+    columns["q6"] = value + noise * rng.normal(size=len(given.t))
+    columns["tau6"] = np.zeros(len(given.t))
+    at = f"={value:g}" if value else ""
+    (asked,) = guess(given.robot, columns).questions
+    assert (asked.field, asked.detail.split(":")[0]) == ("robot", "wrist_3_joint stands still and has no torque")
+    assert write_option(asked.remedies[0]) == f"--lock wrist_3_joint{at}"
+
+
+def test_joints_that_wait_on_their_brakes_while_another_moves_are_not_to_be_locked() -> None:
+    given = log("ur10", 5)
+    for waiting in ([2], [1, 2, 3, 4, 5]):
+        columns = given.columns()
+        for joint in waiting:
+            columns[f"q{joint + 1}"] = np.full(len(given.t), 0.4)
+            columns[f"tau{joint + 1}"] = np.zeros(len(given.t))
+        assert "robot" not in [question.field for question in guess(given.robot, columns).questions]
+
+
+def test_a_gripper_with_a_name_beside_joints_that_are_counted_is_one_of_them() -> None:
+    names = [*(f"joint{k}" for k in range(1, 6)), "jointGripper"]
+    text = re.sub(r'(?<=<joint name=")j(\d)(?=")', lambda name: names[int(name[1])], crooked_urdf())
+    given = log_of(robot_from_urdf("arm", text), 4)
+    robot = given.robot
+    assert list(robot.joint_names) == names
+    for pattern in ("{}/position", "q of {}"):
+        columns = {"t": given.t, **{pattern.format(name): given.q[:, k] for k, name in enumerate(names)}}
+        columns["gripper/position"] = np.full(len(given.t), 0.04)
+        columns |= {f"{name}/effort": given.tau[:, k] for k, name in enumerate(names)}
+        found = guess(robot, columns)
+        assert [found.columns[f"q{k + 1}"] for k in range(6)] == [pattern.format(name) for name in names]
+        assert [found.columns[f"tau{k + 1}"] for k in range(6)] == [f"{name}/effort" for name in names]

@@ -213,3 +213,27 @@ def test_nothing_is_predicted_of_a_joint_without_torque(folder: Path) -> None:
     with pytest.raises(DynidentError, match=f"the torque of {silent} was not recorded"):
         dy.Model(model).forward_dynamics(q, q, q)
     assert not [column.name for column in model.model.kept if column.link == silent and column.effect == "viscous"]
+
+
+def test_a_torque_of_zero_behind_a_brake_saturates_nowhere_and_is_told_with_a_way_on(tmp_path: Path) -> None:
+    given = log("ur10", 8)
+    columns, m = {name: values.copy() for name, values in given.columns().items()}, len(given.t)
+    halves = slice(0, m // 2), slice(m // 2, m)
+    for joint in range(6):
+        # The first three joints move in the first half, and then the others.
+        moves, waits = halves if joint < 3 else halves[::-1]
+        columns[f"q{joint + 1}"][waits] = columns[f"q{joint + 1}"][moves][-1 if joint < 3 else 0]
+        columns[f"tau{joint + 1}"][waits] = 0.0
+        # Gravity acts one way.
+        columns[f"tau{joint + 1}"][moves] += 1.1 * np.abs(given.tau[:, joint]).max()
+    with pytest.raises(RecordingError, match="its joint stands there behind its brake, with the drive off") as raised:
+        read(given.robot, tmp_path, columns)
+    windows = f'"windows": [[0, {given.t[m // 2 - 1]:.6g}]]'
+    others = '"columns": {"tau4": "none", "tau5": "none", "tau6": "none"}'
+    assert windows in raised.value.detail
+    assert others in raised.value.detail
+    # A torque whose one sign is cut off is 0 while its joint moves.
+    columns = given.columns()
+    columns["tau2"] = np.maximum(columns["tau2"] - np.quantile(columns["tau2"], 0.4), 0.0)
+    with pytest.raises(RecordingError, match="or the log, saturates there"):
+        read(given.robot, tmp_path, columns)

@@ -29,12 +29,11 @@ from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.cells_without_numbers import find_quantities
 from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.formats import open_source
+from dynident.recordings.formats.packed_messages import find_labels, name_labelled_numbers
 from dynident.recordings.formats.text_streams import (
     RewrittenText,
-    find_labels,
     flatten_lists,
     has_minus_elsewhere,
-    name_labelled_numbers,
 )
 from dynident.recordings.time_columns import RestartingSource
 from dynident.robot import Robot, robot_from_urdf
@@ -207,6 +206,40 @@ def test_a_delay_is_told_where_nearly_all_is_explained(tmp_path: Path, seed: int
     assert [one.name for one in warned] == ["torque_delay"]
     assert warned[0].apply is not None
     assert abs(warned[0].apply.torque_delay - seconds) < 0.003
+
+
+@pytest.mark.parametrize(("name", "seed"), [("ur5", 1), ("franka_panda", 2)])
+@pytest.mark.parametrize("seconds", [0.05, -0.085, 0.13])
+def test_a_delay_longer_than_usual_ones_is_found_as_well(tmp_path: Path, name: str, seed: int, seconds: float) -> None:
+    given = log(name, seed)
+    late = np.column_stack([np.interp(given.t - seconds, given.t, torque) for torque in given.tau.T])
+    checks = read(given.robot, tmp_path, given.columns(tau=late)).checks
+    (delay,) = [one for one in checks if one.name == "torque_delay" and one.status != "ok"]
+    assert delay.apply is not None
+    assert abs(delay.apply.torque_delay - seconds) < 0.005
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_angle_from_the_horizon_is_not_asked_as_gears_of_all_joints(seed: int) -> None:
+    given = log("ur5", seed)
+    q = given.q.copy()
+    q[:, 2] += q[:, 1]
+    found = guess(given.robot, given.columns(q=q))
+    (asked,) = found.questions
+    assert (asked.check, dict(found.units)) == ("joint_coupling", {})
+
+
+def test_a_force_of_a_joint_that_slides_is_counted_with_the_torques_of_the_others() -> None:
+    given = log("scara", 3)
+    columns = {name.replace("tau", "Drehmoment "): values for name, values in given.columns().items()}
+    columns["Kraft 3"] = columns.pop("Drehmoment 3")
+    found = guess(given.robot, columns)
+    assert [found.columns[f"tau{k}"] for k in (1, 2, 3, 4)] == [
+        "Drehmoment 1", "Drehmoment 2", "Kraft 3", "Drehmoment 4"
+    ]  # fmt: skip
+    # Of a joint that turns it is something else: contact, mostly.
+    columns["Kraft 2"] = columns.pop("Drehmoment 2")
+    assert guess(given.robot, columns).columns.get("tau2") != "Kraft 2"
 
 
 def test_friction_is_no_excess_where_the_masses_say_that_the_torque_is_right(tmp_path: Path) -> None:

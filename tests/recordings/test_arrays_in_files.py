@@ -271,3 +271,42 @@ def test_groups_whose_times_hardly_meet_are_said_to_be_read_side_by_side(tmp_pat
         savemat(tmp_path / "two.mat", {"pos": {"t": t, "q": values}, "trq": {"t": t + shift, "tau": values}})
         source = open_source(tmp_path / "two.mat", None)
         assert any("less than half of their span" in remark for remark in source.remarks) == is_told
+
+
+def test_references_of_a_file_to_itself_end(tmp_path):
+    q, reference = np.random.default_rng(0).normal(size=(40, 3)), h5py.special_dtype(ref=h5py.Reference)
+    with h5py.File(tmp_path / "circle.mat", "w") as file:
+        cells = file.create_dataset("cells", (3,), dtype=reference)
+        file["group/q"] = q
+        cells[0], cells[1], cells[2] = cells.ref, file["group"].ref, file.ref
+    source = open_source(tmp_path / "circle.mat", None)
+    assert len(source.names) == 3
+    np.testing.assert_array_equal(np.concatenate(list(source.blocks())), q)
+
+
+@pytest.mark.parametrize(("n_further", "offset"), [(20, 1e9), (0, 1e9), (20, 5.0)])
+def test_arrays_whose_clocks_have_no_moment_in_common_are_left_out_by_name(tmp_path, n_further, offset):
+    rng, n = np.random.default_rng(1), 60
+    with h5py.File(tmp_path / "clocks.h5", "w") as file:
+        file["joints/time"], file["joints/q"] = np.arange(n) * 0.01, rng.normal(size=(n, 3))
+        file["drives/time"], file["drives/tau"] = offset + np.arange(n - 30) * 0.02, rng.normal(size=(n - 30, 3))
+        if n_further:
+            file["hand/time"], file["hand/force"] = np.arange(n_further) * 0.03, rng.normal(size=(n_further, 2))
+    source = open_source(tmp_path / "clocks.h5", None)
+    (remark, *others) = source.remarks
+    assert remark.startswith(f"The times of drives ({offset:.10g} to ")
+    assert "no moment in common: drives is left out. Write both with the time of one clock." in remark
+    assert ["longest" in other for other in others] == [True] * bool(n_further)
+    assert not any("tau" in name for name in source.names)
+    assert any(name.endswith("q1") for name in source.names)
+
+
+def test_an_array_of_structures_that_are_rows_says_how_to_save_it(tmp_path):
+    rows = np.zeros((200, 1), dtype=[("t", object), ("q", object)])
+    for k in range(200):
+        rows[k, 0] = (0.01 * k, np.full((1, 3), 0.1 * k))
+    savemat(tmp_path / "rows.mat", {"log": rows})
+    with pytest.raises(RecordingError, match=r"array of structures, one for each row: .* q = vertcat\(log\.q\)"):
+        open_source(tmp_path / "rows.mat", None)
+    savemat(tmp_path / "rows.mat", {"log": rows, "q": np.zeros((200, 3))})
+    assert list(open_source(tmp_path / "rows.mat", None).names) == ["q1", "q2", "q3"]

@@ -477,3 +477,44 @@ def test_a_damaged_stamp_leaves_the_time_of_all_others(tmp_path, names, bad, row
     source = open_source(written(tmp_path / "stamps.csv", text), None)
     t = np.concatenate(list(source.blocks()))[:, 0]
     np.testing.assert_allclose(np.delete(t, 7), np.delete(100 + 1e-9 * np.array(nanoseconds), 7), atol=1e-6)
+
+
+@pytest.mark.parametrize("names", [("time_q", "time_tau"), ("Time", "Time"), ("q.t [s]", "tau.t [s]")])
+@pytest.mark.parametrize("offset", [0.0, 9000.0])
+def test_blocks_side_by_side_with_times_of_other_rates_are_joined(tmp_path, names, offset):
+    case = CASES[0]
+    run, slow = recorded(*case), slice(None, None, 4)
+    rows = [[*row, *[""] * (1 + run.n)] for row in cells(np.column_stack([run.t, run.q]).T)]
+    for row, late in zip(rows, cells(np.column_stack([run.t[slow] + offset, run.tau[slow]]).T), strict=False):
+        row[1 + run.n :] = late
+    header = [names[0], *counted("q{}", run.n, 1), names[1], *counted("tau{}", run.n, 1)]
+    path = written(tmp_path / "sheet.csv", table(header, list(map(list, zip(*rows, strict=True)))))
+    if offset:
+        sample = read_sample(path)
+        assert "tau1 … tau6 is left out. Write both with the time of one clock." in " ".join(sample.remarks)
+        assert not any("tau" in name for name in sample.names)
+        return
+    _, q, tau = read_as_proposed(path, machine(case[0]), None)
+    inside = slice(None, len(run.t) - 4)
+    np.testing.assert_allclose(q[inside], run.q[inside], atol=1e-8)
+    np.testing.assert_allclose(tau[slow][:-1], run.tau[slow][:-1], rtol=1e-6, atol=1e-6)
+
+
+def test_a_second_time_of_the_same_rows_joins_nothing(tmp_path):
+    run = recorded(*CASES[0])
+    for second in (run.t + 3.0, 1e3 * run.t, 1e9 * run.t, np.arange(len(run.t))):
+        values = np.column_stack([run.t, run.q, second, run.tau])
+        header = ["time", *counted("q{}", run.n, 1), "time_sent", *counted("tau{}", run.n, 1)]
+        sample = read_sample(written(tmp_path / "both.csv", table(header, cells(values))))
+        assert (sample.names[0], sample.names[1 + run.n], sample.remarks) == ("time", "time_sent", ())
+
+
+def test_tuples_within_tuples_are_columns(tmp_path):
+    case = CASES[1]
+    run = recorded(*case)
+    states = [
+        tuple((float(q), float(dq), (0.0,) * 6, float(tau)) for q, dq, tau in zip(*row, strict=True))
+        for row in zip(run.q, run.dq, run.tau, strict=True)
+    ]
+    path = written(tmp_path / "states.txt", "".join(f"{state!r}\n" for state in states))
+    check_signals(read_as_proposed(path, machine(case[0]), case[1]), run, "states")

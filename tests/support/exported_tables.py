@@ -290,6 +290,39 @@ def messages_of_a_bus(folder: Path, run: Recorded) -> Path:
     return written(folder / "bus.csv", "\n".join(["timestamp,message,signal,value,unit", *rows, ""]))
 
 
+def braces_behind_a_time_of_day(folder: Path, run: Recorded) -> Path:
+    """What a program of a teach pendant writes, below a line of its own."""
+    begin = datetime(2025, 5, 6, 10, 59, 55)
+    lists = [[",".join(map(number, row)) for row in rows] for rows in (run.q, run.tau)]
+    rows = [
+        f"{(begin + timedelta(seconds=float(t))).strftime('%H:%M:%S.%f')} jPos={{{q}}} jTorque={{{tau}}}"
+        for t, q, tau in zip(run.t, *lists, strict=True)
+    ]
+    return written(folder / "pendant.txt", "\n".join(["logger started", *rows, ""]))
+
+
+def numbers_in_brackets(folder: Path, run: Recorded) -> Path:
+    """What a port of YARP is dumped to: a count, a stamp, and groups of numbers with their states."""
+    groups = [[" ".join(map(number, row)) for row in rows] for rows in (run.q, run.dq, run.tau)]
+    rows = [
+        f"{k + 900} {1.7e9 + t:.6f} ({q}) [ok] ({dq}) [ok] ({tau}) [ok]"
+        for k, (t, q, dq, tau) in enumerate(zip(run.t, *groups, strict=True))
+    ]
+    return written(folder / "data.log", "\n".join([*rows, ""]))
+
+
+def properties_below_the_names(folder: Path, run: Recorded) -> Path:
+    """LabVIEW's export of waveforms: the length, the unit and the step of time of each channel, and no time."""
+    names = [*counted("Axis{}_Position", run.n, 1), *counted("Axis{}_Torque", run.n, 1)]
+    units = ["m" if slides else "rad" for slides in run.slides] + ["N" if slides else "Nm" for slides in run.slides]
+    values, step = np.column_stack([run.q, run.tau]), number(run.t[1] - run.t[0])
+    head = [("Root Name", "Title"), ("run", "4"), ("Channel", *names), ("Length", *[str(len(run.t))] * len(names))]
+    head += [("Minimum", *map(number, values.min(axis=0))), ("unit_string", *units)]
+    head += [("wf_increment", *[step] * len(names))]
+    rows = ["\t".join(["", *map(number, row)]) for row in values]
+    return written(folder / "waveforms.txt", "\n".join(["\t".join(line) for line in head] + [*rows, ""]))
+
+
 EXPORTED_TABLES: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -299,6 +332,7 @@ EXPORTED_TABLES: dict[str, Layout] = {
         structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark, durations_of_iso,
         tags_with_milliseconds_apart, further_axis, slots_of_a_simulator,
         stamps_in_brackets, messages_of_a_bus, values_without_a_line_of_names, rows_behind_keys,
+        braces_behind_a_time_of_day, numbers_in_brackets, properties_below_the_names,
     )
 }  # fmt: skip
 
@@ -342,6 +376,40 @@ def runs_in_an_archive(folder: Path, run: Recorded) -> Path:
     return folder / "runs.zip"
 
 
+def refer(file: h5py.File, name: str, targets: list[h5py.Group | h5py.Dataset | None]) -> None:
+    """Write cells as MATLAB 7.3 does: references to what lies elsewhere in the file, or to nothing."""
+    cells = file.create_dataset(name, (len(targets), 1), dtype=h5py.special_dtype(ref=h5py.Reference))
+    for k, target in enumerate(targets):
+        if target is not None:
+            cells[k, 0] = target.ref
+
+
+def runs_in_cells(folder: Path, run: Recorded) -> Path:
+    """MATLAB 7.3: a cell of structures, {run1, run2}, and an empty cell."""
+    with h5py.File(folder / "cells.mat", "w") as file:
+        groups = []
+        for k, part in enumerate(split_runs(run)):
+            groups.append(file.create_group(f"#refs#/{'ba'[k]}"))
+            for name, values in zip(("t", "q", "tau"), part, strict=True):
+                groups[-1][name] = np.atleast_2d(values.T)
+        refer(file, "runs", [*groups, None])
+    return folder / "cells.mat"
+
+
+def runs_in_fields(folder: Path, run: Recorded) -> Path:
+    """MATLAB 7.3: an array of structures, whose fields are lists of cells."""
+    with h5py.File(folder / "fields.mat", "w") as file:
+        for column, name in enumerate(("t", "q", "tau")):
+            targets: list[h5py.Group | h5py.Dataset | None] = []
+            for k, part in enumerate(split_runs(run)):
+                targets.append(file.create_dataset(f"#refs#/{name}{k}", data=np.atleast_2d(part[column].T)))
+            refer(file, f"runs/{name}", targets)
+    return folder / "fields.mat"
+
+
 FILES_OF_RUNS: dict[str, Layout] = {
-    layout.__name__: layout for layout in (runs_in_structures, runs_in_groups, runs_in_objects, runs_in_an_archive)
-}
+    layout.__name__: layout
+    for layout in (
+        runs_in_structures, runs_in_groups, runs_in_objects, runs_in_an_archive, runs_in_cells, runs_in_fields,
+    )
+}  # fmt: skip

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
+import itertools
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 from dynident.recordings.cells_without_numbers import make_counted_names
-from dynident.recordings.formats.packed_messages import check_message_kinds, name_message_columns, name_value_columns
+from dynident.recordings.formats import packed_messages
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     count_list_items,
-    find_line_form,
+    decode_text,
     flatten_lists,
     has_lists,
     join_open_lists,
@@ -24,7 +23,6 @@ from dynident.recordings.formats.text_streams import (
     squeeze_spaces,
 )
 from dynident.recordings.recording_metadata import RecordingError
-from dynident.text_encoding import decode_unmarked_text
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _WRITTEN_TIME = re.compile(
@@ -94,7 +92,7 @@ def detect_dialect(start: bytes) -> Dialect:
     RecordingError
         For a file that is no text, or holds nothing.
     """
-    text, encoding = _decode_text(start)
+    text, encoding = decode_text(start)
     rewrite: list[Callable[[str], str]] = []
     for applies, change in CHANGES_OF_CELLS:
         if applies(text):
@@ -113,7 +111,7 @@ def detect_dialect(start: bytes) -> Dialect:
         original = whole
         rewrite.append(flatten_lists)
     lines = flatten_lists("\n".join(original)).splitlines() if flatten_lists in rewrite else original
-    if (form := find_line_form(lines)) is not None:
+    if (form := packed_messages.find_line_form(lines)) is not None:
         names, separate, remark = form
         texts = _collect_texts([_split_fields(line, ",") for line in separate("\n".join(lines)).splitlines()], names)
         return Dialect(
@@ -136,7 +134,7 @@ def detect_dialect(start: bytes) -> Dialect:
     header.names, remarks = number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
-    check_message_kinds((texts := _collect_texts(rows, header.names)).get("column1", ()))
+    packed_messages.check_message_kinds((texts := _collect_texts(rows, header.names)).get("column1", ()))
     return Dialect(
         delimiter,
         "," if comma else ".",
@@ -174,7 +172,7 @@ def _count_rows(cells: Sequence[str]) -> bool:
     numbers = [int(cell) for cell in cells if cell.isdigit()]
     if not numbers:
         return not any(map(_is_number, cells))
-    return len(numbers) == len(cells) and all(after == before + 1 for before, after in pairwise(numbers))
+    return len(numbers) == len(cells) and all(after == before + 1 for before, after in itertools.pairwise(numbers))
 
 
 _NAMES_OF_CHANNELS = ("symbolname", "name", "signal", "channel", "kanal")
@@ -209,7 +207,7 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     # Names in two lines repeat words as well, above positions and torques: those are no times.
     below = [row for line in lines[body : body + 20] if len(row := _split_fields(line, delimiter)) == width]
     times = [[row[place].replace(",", ".") for row in below if _NUMBER.match(row[place])] for place in clocks]
-    is_rising = all(float(after) > float(before) for own in times for before, after in pairwise(own))
+    is_rising = all(float(after) > float(before) for own in times for before, after in itertools.pairwise(own))
     if len(clocks) < 2 or not is_rising or any(place + 1 in clocks or place + 1 == width for place in clocks):
         return None
     whole = ([head[key][place] for place in channels] for key in (*_NAMES_OF_CHANNELS, *head) if key in head)
@@ -255,7 +253,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     has_numbers = any(map(_is_number, _split_fields(text, delimiter)))
     messages = [line for line in below if len(_split_fields(line, delimiter)) == width] if has_numbers else []
     cells = [[None if _is_number(cell) else cell for cell in _split_fields(line, delimiter)] for line in messages[:2]]
-    if (names := name_message_columns(cells) or name_value_columns(cells)) is not None:
+    if (names := packed_messages.name_message_columns(cells) or packed_messages.name_value_columns(cells)) is not None:
         return delimiter, False, _Header(names, header)
     names = tuple(join_name_levels(field) for field in _split_fields(text, delimiter))
     names = _join_merged_heads(names, _split_fields(lines[header - 1], delimiter) if header else [])
@@ -272,6 +270,11 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
                     rows += 1
     units = _read_units(lines, rows, delimiter, names)
     rows += bool(units)
+    properties = _count_properties(lines, rows, delimiter)
+    for number in range(rows, rows + properties):
+        if "unit" in _split_fields(lines[number], delimiter)[0].casefold():
+            units |= _list_units(_split_fields(lines[number], delimiter)[1:], names[1:])
+    rows += properties
     fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _split_fields(line, delimiter)]
     # A comma inside a cell can only be a decimal one if something else separates the cells.
     grouped = any(map(_ENGLISH.match, fields))
@@ -287,31 +290,6 @@ def _join_merged_heads(names: tuple[str, ...], above: Sequence[str]) -> tuple[st
     heads = [next(filter(None, above[place::-1]), "") for place in range(len(above))]
     joined = tuple("_".join(filter(None, pair)) for pair in zip(heads, names, strict=True))
     return joined if len(set(joined)) == len(joined) else names
-
-
-def _decode_text(start: bytes) -> tuple[str, str]:
-    """Return the first bytes as text, and their encoding."""
-    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return start.decode("utf-16", errors="ignore"), "utf-16"
-    # Without a mark every second byte of western text is 0.
-    for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
-        if len(start) > 2 and start[odd::2].count(0) > 0.9 * len(start[odd::2]) and 0 not in start[1 - odd :: 2]:
-            return start.decode(encoding, errors="ignore"), encoding
-    if b"\0" in start:
-        raise RecordingError(
-            "The file is neither Parquet nor text, nor in another known format: save the table as CSV or Parquet, or "
-            "its arrays with np.savez.",
-            title="Unreadable file",
-        )
-    try:
-        return start.decode("utf-8-sig"), "utf-8"
-    except UnicodeDecodeError as error:
-        # The last character may be cut off.
-        if error.start >= len(start) - 4:
-            return start[: error.start].decode("utf-8-sig"), "utf-8"
-        text, encoding = decode_unmarked_text(start)
-        # Names are read from here, and single bytes in cells break no number: only other letters have to be rewritten.
-        return text, "utf-8" if encoding == "cp1252" else encoding
 
 
 def _find_delimiter(text: str) -> str:
@@ -497,4 +475,20 @@ def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str,
         return {}
     if any(cell and _is_number(cell) for cell in fields):
         return {}
-    return {name: cell.strip("[]() ") for name, cell in zip(names, fields, strict=True) if cell.strip("[]() -")}
+    return _list_units(fields, names)
+
+
+def _list_units(cells: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+    return {name: cell.strip("[]() ") for name, cell in zip(names, cells, strict=False) if cell.strip("[]() -")}
+
+
+def _count_properties(lines: Sequence[str], first: int, delimiter: str) -> int:
+    """Return how many lines below the names say what their columns have: a word stands before them, and before no row.
+
+    LabVIEW writes so the length, the unit and the step of time of each channel.
+    """
+    begins = [_split_fields(line, delimiter)[0] for line in lines[first:]]
+    is_word = [begin[:1].isalpha() and not _is_number(begin) for begin in begins]
+    n_words = sum(itertools.takewhile(bool, is_word))
+    has_rows = len(begins) > 2 * n_words and not any(is_word[n_words:])
+    return n_words if n_words > 1 and has_rows else 0

@@ -6,6 +6,9 @@ still be slow.
 
 from __future__ import annotations
 
+import os
+from typing import IO
+
 from dynident.recordings.recording_metadata import RecordingError
 
 MOST_COLUMNS = 10_000
@@ -127,3 +130,46 @@ class UnpackedSize:
         """Count more bytes; raise `RecordingError` if a file of this size never unpacks to so many."""
         self._size += size
         check_unpacked(self._size, self._file_size, self._smallest)
+
+
+class BoundedFile:
+    """A file that is never asked for more bytes than it has left: Python would allocate whatever is requested.
+
+    Parameters
+    ----------
+    file : binary file
+        The open file.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.size = os.fstat(file.fileno()).st_size
+
+    def read(self, size: int = -1) -> bytes:
+        """Read at most so many bytes; all that are left if `size` is negative."""
+        n_left = max(self.size - self._file.tell(), 0)
+        return self._file.read(n_left if size < 0 else min(size, n_left))
+
+    def readline(self, size: int = -1) -> bytes:
+        """Read a line."""
+        return self._file.readline(size)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a byte."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """Return the position of the next byte."""
+        return self._file.tell()
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    def fileno(self) -> int:
+        """Return the number of the open file."""
+        return self._file.fileno()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()

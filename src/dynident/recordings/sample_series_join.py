@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,7 +16,7 @@ from dynident.recordings.arrow_tables import batch_from_arrays
 from dynident.recordings.file_size_limits import choose_block_rows
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.recording_metadata import RecordingError
-from dynident.recordings.time_columns import is_time_name
+from dynident.recordings.time_columns import describe_foreign_clock, is_time_name
 
 _LOOKED_AT = 4000
 _BLOCK_SAMPLES = 8192
@@ -158,9 +159,9 @@ class OwnClocksSource(FileSource):
     def __init__(self, source: FileSource, series: Mapping[str, Sequence[str]], steps: Mapping[str, float]) -> None:
         self._source, self._series, self._steps = source, series, steps
         self._main = min(series, key=lambda time: steps[time])
-        clocks = set(source.clocks.values())
-        names = [name for name in source.names if name not in clocks]
-        super().__init__([_TIME, *names], {name: unit for name, unit in source.units.items() if name not in clocks})
+        timed = {name for names in series.values() for name in names}
+        names = [name for name in source.names if name in timed]
+        super().__init__([_TIME, *names], {name: unit for name, unit in source.units.items() if name in timed})
         if self._main in source.units:
             self.units[_TIME] = source.units[self._main]
         self.sample_rows, self.texts, self.inner = source.sample_rows, source.texts, source
@@ -208,24 +209,64 @@ _TIME = "time"
 
 def join_own_clocks(source: FileSource) -> FileSource:
     """Return the file with one time for all columns, if they have times of their own; else the same object."""
-    if not source.clocks:
-        return source
-    first = next(iter(source.batches(list(dict.fromkeys(source.clocks.values())))), None)
+    clocks = source.clocks or _find_clocks_of_blocks(source)
+    first = next(iter(source.batches(list(dict.fromkeys(clocks.values())))), None) if clocks else None
     if first is None:
         return source
     series: dict[bytes, list[str]] = {}
     times: dict[bytes, str] = {}
-    for name, clock in source.clocks.items():
+    for name, clock in clocks.items():
         stamps = to_float_column(first, clock, 0).tobytes()
         # Channels of one sampling time have the same stamps.
         series.setdefault(stamps, []).append(name)
         times.setdefault(stamps, clock)
-    steps = {}
+    steps, spans = {}, {}
     for clock in times.values():
-        step = np.diff(to_float_column(first, clock, 0))
+        t = to_float_column(first, clock, 0)
+        step = np.diff(t)
         step = step[np.isfinite(step) & (step > 0)]
         steps[clock] = float(np.median(step)) if len(step) else np.inf
-    return OwnClocksSource(source, {times[stamps]: names for stamps, names in series.items()}, steps)
+        spans[clock] = (float(np.nanmin(t)), float(np.nanmax(t))) if np.isfinite(t).any() else (np.inf, -np.inf)
+    main = min(steps, key=lambda clock: steps[clock])
+    by_clock = {times[stamps]: names for stamps, names in series.items()}
+    (first_time, last_time), of_main = spans[main], _name_columns(by_clock[main])
+    foreign = [clock for clock, span in spans.items() if not (span[0] <= last_time and first_time <= span[1])]
+    remarks = tuple(
+        describe_foreign_clock(_name_columns(by_clock.pop(clock)), spans[clock], of_main, spans[main])
+        for clock in foreign
+    )
+    joined = OwnClocksSource(source, by_clock, steps)
+    joined.own_remarks += remarks
+    return joined
+
+
+_TIME_WORDS = frozenset({"t", "time", "timestamp", "stamp", "zeit", "temps", "tiempo", "tempo"})
+_SAME_STEP = 0.01
+"""Relative difference of the steps of two clocks that are taken for one, apart from factors of 1000 between units."""
+
+
+def _find_clocks_of_blocks(source: FileSource) -> dict[str, str]:
+    """Return the time of each column where blocks stand side by side that begin with times of different rates."""
+    named = [name for name in source.names if _TIME_WORDS & set(re.split("[^a-z]+", name.casefold()))]
+    first = next(iter(source.batches(named)), None) if len(named) > 1 and named[0] == source.names[0] else None
+    steps = {}
+    for name in named if first is not None else ():
+        t = to_float_column(first, name, 0)
+        step = np.diff(t[np.isfinite(t)])
+        # What goes up by one from row to row counts these.
+        if len(step) >= _FEWEST and (step > 0.0).all() and not (step == 1.0).all():
+            steps[name] = float(np.median(step))
+    orders = np.log10(list(steps.values())) / 3.0
+    distances = np.abs(orders - orders[:1] - np.round(orders - orders[:1])) if len(orders) else np.zeros(1)
+    # Rows of one rate belong together, whatever else says when they were sent.
+    if source.names[0] not in steps or distances.max() <= np.log10(1.0 + _SAME_STEP) / 3.0:
+        return {}
+    clocks, clock = {}, ""
+    for name in source.names:
+        clock = name if name in steps else clock
+        if name != clock:
+            clocks[name] = clock
+    return clocks
 
 
 def describe_join(main: str, others: Sequence[str]) -> str:

@@ -236,6 +236,14 @@ def is_time_name(name: str) -> bool:
     return _NAME.search(name) is not None
 
 
+def describe_foreign_clock(name: str, span: tuple[float, float], main: str, main_span: tuple[float, float]) -> str:
+    """Say that signals are left out, because no moment of their clock is one of the recording's."""
+    return (
+        f"The times of {name} ({span[0]:.10g} to {span[1]:.10g}) and {main} ({main_span[0]:.10g} to "
+        f"{main_span[1]:.10g}) have no moment in common: {name} is left out. Write both with the time of one clock."
+    )
+
+
 def are_times(cells: Sequence[str]) -> bool:
     """Return whether all cells that are not empty are times."""
     filled = [cell for cell in cells if cell]

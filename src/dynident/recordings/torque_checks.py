@@ -25,6 +25,9 @@ WIDER = 0.2
 """Rows that a rounded peak spends one digit below its top, over those at the top: 0.41 of a parabola, half of it where
 friction cuts one side off. A torque that is cut off comes there at its own speed."""
 
+STANDS = 0.1
+"""Share of its range that a joint may move behind a brake, which gives a little."""
+
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
 
@@ -114,6 +117,7 @@ def _check_saturation(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
+    q = sample.q[sample.used]
     worst: Check | None = None
     most = 0.0
     run = max(RUN, round(SHORTEST * recording.sampling_rate))
@@ -129,19 +133,39 @@ def _check_saturation(
             most = share
             first = int(np.flatnonzero(flat)[0])
             status: Status = "error" if share > 0.2 else "warning"
+            why = _describe_brake(joint, flat, tau, q, t) or (
+                "the drive, or the log, saturates there. Move more slowly or with less payload, or choose windows "
+                "without saturation."
+            )
             worst = Check(
                 "saturation",
                 status,
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
-                f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, "
-                "or the log, saturates there. Move more slowly or with less payload, or choose windows without "
-                "saturation.",
+                f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {t[first]:.6g} s): {why}",
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
                 _exclude_plateaus(flat, t),
             )
     return worst or Check("saturation", "ok", "No torque stays at its extreme value.")
+
+
+def _describe_brake(joint: int, flat: BoolArray, tau: FloatArray, q: FloatArray, t: FloatArray) -> str:
+    """Say that a torque that stays at 0 while its joint stands was not measured there, and how to use the others.
+
+    "" where it is not so: no drive saturates at 0, but where the joint moves one sign of a torque may be cut off.
+    """
+    works = tau[:, joint] != 0.0
+    if works[flat].any() or np.ptp(q[~works, joint]) > STANDS * np.ptp(q[:, joint]):
+        return ""
+    first, last = np.flatnonzero(works)[[0, -1]]
+    off = [f'"tau{other + 1}": "none"' for other in np.flatnonzero(~tau[first : last + 1].any(axis=0))]
+    others = f', and say that the torques of the others were not recorded there ("columns": {{{", ".join(off)}}})'
+    return (
+        "its joint stands there behind its brake, with the drive off, and its load is not in the log. Use the seconds "
+        f'in which it works ("windows": [[{t[first]:.6g}, {t[last]:.6g}]]){others if off else ""}; those of another '
+        "joint are a recording of their own."
+    )
 
 
 def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:

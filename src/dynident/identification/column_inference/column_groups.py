@@ -15,7 +15,7 @@ from dynident.identification.column_inference.column_names import (
     Signal,
     find_phrase,
     get_signal_of_unit,
-    list_spellings,
+    list_spellings_by_joint,
     strip_shared_words,
 )
 from dynident.identification.column_inference.metadata_proposal import Question
@@ -30,22 +30,7 @@ _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
 
 
 def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
-    """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs.
-
-    Parameters
-    ----------
-    named : sequence of ColumnName
-        What the names of all columns say.
-    columns : mapping of str to str
-        Our names of columns to the file's.
-    n : int
-        Number of the robot's joints.
-
-    Returns
-    -------
-    list of str
-        Names of the columns, as the file has them.
-    """
+    """Return the columns of joints that a robot of n joints lacks, where all of its own have theirs in `columns`."""
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
     used = set(columns.values())
@@ -57,15 +42,7 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
 
 
 def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
-    """Ask to lock joints that have no column at all; None where the positions are not those of most joints.
-
-    Parameters
-    ----------
-    named : sequence of ColumnName
-        What the names of all columns say.
-    robot : Robot
-        The robot.
-    """
+    """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
     positions = _find_columns_of_most_joints(named, robot, _POSITIONS)
     if positions is None:
         return None
@@ -101,17 +78,38 @@ def find_torque_of_most_joints(
     if torques is None:
         return None
     first, columns = torques
-    # A joint that stands still and has no torque is probably a gripper or a fixed axis: it is to be locked, not
-    # identified.
-    still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
-    if still:
-        places = {robot.joint_names[joint]: _find_place(positions[:, joint]) for joint in still}
-        verbs = "stand still and have" if len(places) > 1 else "stands still and has"
-        return _ask_to_lock(f"{', '.join(places)} {verbs} no torque", places)
+    columns = columns | _find_forces_of_sliding_joints(named, robot, columns)
+    question = ask_to_lock_still_joints(robot, positions, [k for k in range(robot.n) if k not in columns])
+    if question is not None:
+        return question
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
     return ColumnGroup(
         members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"
     )
+
+
+def _find_forces_of_sliding_joints(
+    named: Sequence[ColumnName], robot: Robot, columns: Mapping[int, int]
+) -> dict[int, int]:
+    """Return the columns of sliding joints that are counted as the torques of the others are, and called forces."""
+    joint, column = next(iter(columns.items()))
+    if len(named[column].numbers) != 1:
+        return {}
+    numbers = {named[column].numbers[0] - joint + k: k for k in range(robot.n) if k not in columns}
+    forces = {
+        numbers[other.numbers[0]]: index
+        for index, other in enumerate(named)
+        if len(other.numbers) == 1 and other.numbers[0] in numbers and _FORCES & set(other.words)
+    }
+    return {joint: index for joint, index in forces.items() if robot.joints[joint].kind == "prismatic"}
+
+
+def ask_to_lock_still_joints(robot: Robot, positions: FloatArray, joints: Sequence[int]) -> Question | None:
+    """Ask to lock those of some joints without torque that stand still: a gripper, or a fixed axis; None of others."""
+    still = [joint for joint in joints if np.ptp(positions[:, joint]) <= MOVED[robot.joints[joint].kind]]
+    places = {robot.joint_names[joint]: _find_place(positions[:, joint]) for joint in still}
+    verbs = "stand still and have" if len(places) > 1 else "stands still and has"
+    return _ask_to_lock(f"{', '.join(places)} {verbs} no torque", places) if places else None
 
 
 def _find_columns_of_most_joints(
@@ -420,8 +418,8 @@ def _build_group(columns: tuple[int, ...], named: Sequence[ColumnName], reason: 
 def _match_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tuple[int, tuple[str, ...]] | None:
     """Return the joint whose name the words hold, the longest where several do, and the words without it."""
     best: tuple[int, int, int] | None = None
-    for joint, name in enumerate(joint_names):
-        for spelling in list_spellings(name):
+    for joint, spellings in enumerate(list_spellings_by_joint(joint_names)):
+        for spelling in spellings:
             place = find_phrase(words, spelling)
             # The longest name wins: "wrist_1" must not be taken for a joint "wrist".
             if place is not None and (best is None or len(spelling) > best[1]):
@@ -459,8 +457,8 @@ def _group_by_number(
     }
     by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
-    # Stems with most numbers first: a name may hold several numbers, and only one of them counts the joints.
-    for stem, members in sorted(stems.items(), key=lambda pair: -len(pair[1])):
+    # A name may hold several numbers, and only one of them counts the joints: the one with as many as these first.
+    for stem, members in sorted(stems.items(), key=lambda pair: (len(pair[1]) != n, -len(pair[1]))):
         first, last = min(members), max(members)
         if last - first + 1 != len(members) or len(members) < n or used & set(members.values()):
             continue

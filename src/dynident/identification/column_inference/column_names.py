@@ -68,6 +68,7 @@ _UNITS = {
     "nmm": "N mm", "n": "N", "mn": "mN", "kn": "kN", "a": "A", "ma": "mA", "amp": "A", "ampere": "A", "s": "s",
     "sec": "s", "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "μs": "us", "ns": "ns", "permille": "permille",
     "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
+    "pct": "percent", "prozent": "percent",
     "k": "K", "min": "min", "h": "h", "kgfcm": "kgf cm", "kgcm": "kgf cm", "kgfm": "kgf m", "gfcm": "gf cm",
     "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
     "kgf": "kgf", "lbf": "lbf", "gon": "gon", "mdeg": "mdeg", "arcmin": "arcmin", "arcsec": "arcsec", "cnm": "cN m",
@@ -76,7 +77,7 @@ _UNITS = {
 }  # fmt: skip
 _SUFFIXES = _split_words(
     "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm um rpm nm mnm knm ncm a ma s sec ms us ns permille "
-    "promille percent degc"
+    "promille percent pct prozent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
           ("turns", "s"): "rev/s",
@@ -118,7 +119,7 @@ PENDANTS = (
 _BRACKET = re.compile(r"\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]\s*$")
 _ENDING = re.compile(
     r"[_ .\-](mA|mNm|kNm|cNm|daNm|Nm|kgf?[.·*_]?cm|kgf[.·*_]?m|ozf?[.·*_]?in|lbf[.·*_]?(?:in|ft)|kgf|lbf|mrad|rpm|"
-    r"permille|promille|ms|us|ns|mm|cm)$",
+    r"permille|promille|percent|pct|ms|us|ns|mm|cm)$",
     re.IGNORECASE,
 )
 _NUMBER_BEHIND = re.compile(r"[_ .\-]\d+$")
@@ -219,7 +220,7 @@ def read_names(
     heads = {name.rstrip("0123456789") for name in names}
     meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}
     columns = []
-    spellings = [spelling for joint in joint_names for spelling in list_spellings(joint)]
+    spellings = [spelling for own in list_spellings_by_joint(joint_names) for spelling in own]
     for name in names:
         head = name.rstrip("0123456789")
         plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
@@ -294,9 +295,12 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
 _JOINT = frozenset({"joint", "jnt", "j", "axis", "achse", "a", "link"})
 
 
+_JOINT_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+
+
 def list_spellings(name: str) -> list[tuple[str, ...]]:
     """Return a joint's name as words, with and without the word joint; none that is a number alone."""
-    words = tuple(word.casefold() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name))
+    words = tuple(word.casefold() for word in _JOINT_WORD.findall(name))
     bare = tuple(word for word in words if word != "joint")
 
     def is_name(spelling: tuple[str, ...]) -> bool:
@@ -309,9 +313,18 @@ def list_spellings(name: str) -> list[tuple[str, ...]]:
     return [spelling for spelling in (words, bare) if is_name(spelling)]
 
 
+def list_spellings_by_joint(names: Sequence[str]) -> list[list[tuple[str, ...]]]:
+    """Return the joints' names as words; beside names proper, as a gripper's, joint1 is one as well."""
+    spellings = [list_spellings(name) for name in names]
+    if any(spellings):
+        whole = [tuple(word.casefold() for word in _JOINT_WORD.findall(name)) for name in names]
+        spellings = [own or [words] * (len(words) > 1) for own, words in zip(spellings, whole, strict=True)]
+    return spellings
+
+
 def strip_shared_words(names: Sequence[str]) -> tuple[str, ...]:
     """Return the joints' names without the words that all of them begin with: arm_sh0 and arm_el0 are sh_0 and el_0."""
-    words = [re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name) for name in names]
+    words = [_JOINT_WORD.findall(name) for name in names]
     alike = (len({tuple(own[: length + 1]) for own in words}) == 1 for length in range(min(map(len, words))))
     shared = len(list(takewhile(bool, alike))) if len(names) > 1 else 0
     return tuple("_".join(own[shared:]) for own in words)

@@ -242,18 +242,28 @@ def find_scales_by_joint(
         if step < _LEAST_STEP or (step == first and least > _HARDLY_LESS * as_one):
             break
         step *= 0.5 if least > _HARDLY_LESS * before else 1.0
-    if (least >= BORNE_OUT and not are_counts) or _CLEARLY * least > as_one or np.abs(scales[turning]).max() < first:
+    if _CLEARLY * least > as_one:
         return None
     counts = [float(f"{2.0 * np.pi / factor / np.exp(scale):.3g}") for scale in scales]
     steps = first * np.eye(len(turning))  # scales of joints that carry little change nothing: they are not determined
     known = [measure(scales + change) + measure(scales - change) > 2.0 * least / _HARDLY_LESS for change in steps]
-    units = {int(joint): f"counts:{counts[joint]:.10g}" for joint in np.flatnonzero(turning & known)}
+    zero = f"@{-offset / factor:.10g}" if offset else ""  # the middle of all scales
+    units = {int(joint): f"counts:{counts[joint]:.10g}{zero}" for joint in np.flatnonzero(turning & known)}
+    has_others = np.abs(scales[turning & known]).max(initial=0.0) >= first
+    is_sure = are_counts or (least < BORNE_OUT and not _has_wrong_columns(fits, stated, tau))
     reason = (
         f"as {unit} the robot's dynamics leave {_write_share(as_one)} of the torque unexplained, and "
         f"{_write_share(least)} with counts per turn of its own for each joint, as where gears or encoders differ. The "
         "numbers are estimates: look up the exact ones, and those of other joints: gear ratio times counts per turn"
     )
-    return (units, reason, True) if units else None
+    return (units, reason, True) if has_others and is_sure else None
+
+
+def _has_wrong_columns(fits: DynamicsFits, q: FloatArray, tau: FloatArray) -> bool:
+    """Tell whether one fault explains what scales of all joints imitate: an angle from the horizon, or a sign."""
+    recording, names = fits.to_recording(q, tau), fits.robot.joint_names
+    faults = () if recording is None else check_recording_faults(fits.robot, recording, names, names).checks
+    return any(fault.status == "error" and fault.name not in _FIELDS for fault in faults)
 
 
 def _write_share(share: float) -> str:

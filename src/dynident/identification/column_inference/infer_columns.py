@@ -13,6 +13,7 @@ from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
     ColumnGroup,
     ask_for_missing_joints,
+    ask_to_lock_still_joints,
     find_columns_of_other_joints,
     find_torque_of_most_joints,
     group_columns,
@@ -196,14 +197,8 @@ class _ColumnInference(WorkingProposal):
             if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
                 return None
-            detail = (
-                "No columns were recognised as the positions of all joints: name them, q1 and so on."
-                f"{describe_further_joints(self.column_names, self.robot.n, ('q',))} If they are in another file, "
-                f"{TOGETHER}."
-            )
-            detail += describe_waves(self.column_names) + describe_unknown_groups(groups, self.name_columns, "position")
-            if any(group.signal == "dq" for group in groups):
-                detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
+            detail = "No columns were recognised as the positions of all joints: name them, q1 and so on."
+            detail += self._describe_candidates(groups, ("q",), "position")
             self.add_question("columns/q", detail, self.sample.names)
             return None
         equal = [group for group in candidates if group.rank == candidates[0].rank]
@@ -251,12 +246,8 @@ class _ColumnInference(WorkingProposal):
         if not candidates:
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
-            detail = (
-                "No columns were recognised as torques or currents of all joints."
-                f"{describe_further_joints(self.column_names, self.robot.n, ('tau', 'effort', 'current'))} If they are "
-                f"in another file, {TOGETHER}."
-            )
-            detail += describe_unknown_groups(groups, self.name_columns, "torque")
+            detail = "No columns were recognised as torques or currents of all joints."
+            detail += self._describe_candidates(groups, ("tau", "effort", "current"), "torque")
             self.add_question("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = candidates[0]
@@ -269,7 +260,31 @@ class _ColumnInference(WorkingProposal):
         kind = _read_kind(best)
         if kind in NO_MEASUREMENT:
             self.refuse_kind(kind, self.name_columns(best))
+        elif (question := self._ask_to_lock_fingers(position, best)) is not None:
+            self.questions.append(question)
+            return None, "unknown"
         return best, kind
+
+    def _describe_candidates(self, groups: list[ColumnGroup], signals: tuple[str, ...], name: str) -> str:
+        """Say which columns may be a signal that was not recognised, or where else it may be."""
+        further = describe_further_joints(self.column_names, self.robot.n, signals)
+        if further:
+            return further
+        detail = f" If they are in another file, {TOGETHER}."
+        detail += describe_waves(self.column_names) if name == "position" else ""
+        detail += describe_unknown_groups(groups, self.name_columns, name)
+        if name == "position" and any(group.signal == "dq" for group in groups):
+            detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
+        return detail
+
+    def _ask_to_lock_fingers(self, position: ColumnGroup | None, effort: ColumnGroup) -> Question | None:
+        """Ask to lock a few joints at the ends of the arm that stand still, and whose torque is 0 in every row."""
+        has_torque = np.count_nonzero(np.nan_to_num(self.values[:, list(effort.columns)]), axis=0) > 0
+        if position is None or 2 * np.count_nonzero(has_torque) < self.robot.n:
+            return None
+        silent = np.flatnonzero(~has_torque & self.robot.has_torque).tolist()
+        ends = [joint for joint in silent if not has_torque[list(self.robot.list_subtree(joint))].any()]
+        return ask_to_lock_still_joints(self.robot, self.values[:, list(position.columns)], ends)
 
     def _find_torque_of_most_joints(self, position: ColumnGroup | None) -> list[ColumnGroup]:
         """Return torques of most joints: those of the others were not recorded, or the joints are not the arm's."""

@@ -36,7 +36,8 @@ short motions of `benchmarks/gross_mistakes.py`."""
 
 # Delays in s that are tried, closer together near zero; between them a parabola finds the lowest point.
 _CANDIDATES = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03, 0.045])
-_NOW = int(np.flatnonzero(_CANDIDATES == 0.0)[0])
+_LONGER = (0.07, 0.1, 0.15, 0.22, 0.3)
+"""s: tried one after another where the longest of them explains most, until one explains less."""
 _FEW = 8
 
 
@@ -67,17 +68,15 @@ class Delay:
         Unexplained share of an average joint's torque as it is.
     left_without : float
         The same with the delay taken out.
+    is_at_the_end : bool
+        Whether it is the largest delay that was tried: the cause then need not be a delay.
     """
 
     seconds: float
     is_fault: bool
     left_with: float
     left_without: float
-
-    @property
-    def is_at_the_end(self) -> bool:
-        """Whether it is the largest delay that was tried: the cause then need not be a delay."""
-        return abs(self.seconds) >= float(_CANDIDATES.max())
+    is_at_the_end: bool
 
 
 def estimate_delay(
@@ -113,35 +112,43 @@ def estimate_delay(
     def shift_torque(seconds: float) -> Motion:
         return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
 
-    unexplained = [left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES]
+    tried = {float(seconds): left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES}
+    for longer in _LONGER:
+        best = min(tried, key=lambda delay: float(tried[delay].fine.mean()))
+        if best not in (min(tried), max(tried)):
+            break
+        tried[float(np.copysign(longer, best))] = left_of(shift_torque(float(np.copysign(longer, best))))
+    delays = np.array(sorted(tried))
+    unexplained = [tried[float(delay)] for delay in delays]
     held_out, inside = _average(unexplained), np.array([trial.fine_inside for trial in unexplained])
-    seconds = _find_lowest(held_out)
-    now, then = unexplained[_NOW], left_of(shift_torque(seconds))
+    seconds = _find_lowest(delays, held_out)
+    now, then = tried[0.0], left_of(shift_torque(seconds))
     fall = now.fine - then.fine
     # A paired comparison over the same blocks.
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
     is_fault = (
         float(fall.mean()) >= SURELY * error
-        and _is_impossible(held_out, seconds)
-        and _is_impossible(inside, seconds)
+        and _is_impossible(delays, held_out, seconds)
+        and _is_impossible(delays, inside, seconds)
         # Tested last, as it needs a second model: made only where all others say yes.
-        and _is_impossible(_average([left_beside(shift_torque(float(seconds))) for seconds in _CANDIDATES]), seconds)
+        and _is_impossible(delays, _average([left_beside(shift_torque(float(delay))) for delay in delays]), seconds)
     )
-    return Delay(seconds, is_fault, float(np.exp(now.fine.mean())), float(np.exp(then.fine.mean())))
+    is_at_the_end = seconds in (delays[0], delays[-1])
+    return Delay(seconds, is_fault, float(np.exp(now.fine.mean())), float(np.exp(then.fine.mean())), is_at_the_end)
 
 
 def _average(unexplained: Sequence[UnexplainedShares]) -> FloatArray:
     return np.array([trial.fine.mean() for trial in unexplained])
 
 
-def _is_impossible(unexplained: FloatArray, seconds: float) -> bool:
-    """Tell whether the lowest of the shares (candidates,) is clear, and at a delay that no drive has.
+def _is_impossible(delays: FloatArray, unexplained: FloatArray, seconds: float) -> bool:
+    """Tell whether the lowest of the shares (delays,) is clear, and at a delay that no drive has.
 
     On the side of zero that `seconds` are on. Held out, inside the fit and beside constant torques alike: in short
     motions one of these alone is chance.
     """
-    lowest = _find_lowest(unexplained)
-    clear = unexplained[_NOW] - unexplained.min() >= max(CLEARLY, SHARP * lowest**2)
+    lowest, as_is = _find_lowest(delays, unexplained), float(unexplained[delays == 0.0][0])
+    clear = as_is - unexplained.min() >= max(CLEARLY, SHARP * lowest**2)
     return bool(clear) and not is_possible_delay(lowest) and (lowest > 0) == (seconds > 0)
 
 
@@ -150,12 +157,12 @@ def is_possible_delay(seconds: float) -> bool:
     return EARLIEST <= seconds <= LATEST
 
 
-def _find_lowest(unexplained: FloatArray) -> float:
+def _find_lowest(delays: FloatArray, unexplained: FloatArray) -> float:
     """Return the delay with the smallest unexplained share, by a parabola through the best that was tried."""
     best = int(np.argmin(unexplained))
-    if best in (0, len(_CANDIDATES) - 1):
-        return float(_CANDIDATES[best])
-    x, y = (values[best - 1 : best + 2] for values in (_CANDIDATES, unexplained))
+    if best in (0, len(delays) - 1):
+        return float(delays[best])
+    x, y = (values[best - 1 : best + 2] for values in (delays, unexplained))
     # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards. Squared
     # shares grow with the square of the distance, where their logarithms have a corner.
     a, b, _ = np.polyfit(x, np.exp(2.0 * (y - y.min())), 2)

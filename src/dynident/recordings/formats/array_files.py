@@ -21,7 +21,7 @@ from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.file_size_limits import MOST_UNPACKED, TITLE, check_columns, choose_block_rows
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.recording_metadata import RecordingError
-from dynident.recordings.time_columns import is_time_name
+from dynident.recordings.time_columns import describe_foreign_clock, is_time_name
 
 _AT_ONCE = 2**20
 
@@ -73,49 +73,6 @@ class ArrayPlace:
         # Reading at a place moves no position, so that all arrays of a file can share it.
         data = os.pread(self.file.fileno(), count * self.kind.itemsize, self.start + first * self.kind.itemsize)
         return np.frombuffer(data, dtype=self.kind, count=count)
-
-
-class BoundedFile:
-    """A file that is never asked for more bytes than it has left: Python would allocate whatever is requested.
-
-    Parameters
-    ----------
-    file : binary file
-        The open file.
-    """
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-        self.size = os.fstat(file.fileno()).st_size
-
-    def read(self, size: int = -1) -> bytes:
-        """Read at most so many bytes; all that are left if `size` is negative."""
-        n_left = max(self.size - self._file.tell(), 0)
-        return self._file.read(n_left if size < 0 else min(size, n_left))
-
-    def readline(self, size: int = -1) -> bytes:
-        """Read a line."""
-        return self._file.readline(size)
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a byte."""
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Return the position of the next byte."""
-        return self._file.tell()
-
-    def seekable(self) -> bool:
-        """Return True."""
-        return True
-
-    def fileno(self) -> int:
-        """Return the number of the open file."""
-        return self._file.fileno()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 class UnpackedParts:
@@ -396,6 +353,7 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], tupl
         return [], ()
     t = _read_clock(main_clock)
     is_one = True
+    foreign = []
     for group, clock in clocks.items():
         own = _read_clock(clock) if group != main else t
         is_as_long = len(own) == len(t)
@@ -403,12 +361,18 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], tupl
         least = _SHARED * max(np.ptp(own), np.ptp(t)) if is_as_long else 0.0
         if not (np.diff(own) > 0.0).all():
             return [], ()
-        if not shared >= least:
+        if is_as_long and not shared >= least:
             apart = (
                 f"The times of {main} and {group} have less than half of their span in common, and equally many rows: "
                 "they are read side by side, row by row. Is that wrong, give them as files of their own.",
             )
             return [], apart
+        if not shared >= 0.0:
+            foreign.append(describe_foreign_clock(group, (own[0], own[-1]), main, (t[0], t[-1])))
+            # It stays among the others' names, and has not as many rows as they.
+            joined += groups[group]
+            is_one = False
+            continue
         is_one &= is_as_long and bool(np.abs(own - t).max() <= _SAME * np.median(np.diff(t)))
         members = [array for array in groups[group] if array is not clock and timed[group] in array.shape]
         joined += [_resample(array, own, t) for array in members if group != main]
@@ -417,7 +381,7 @@ def _join_clocks(arrays: Sequence[StoredArray]) -> tuple[list[StoredArray], tupl
         "Groups of arrays have times of their own: they are read at those of the longest, on a straight line between "
         f"two samples{_describe_left_out(left_out, 'has no time')}."
     )
-    return ([], ()) if is_one else (joined, (remark,))
+    return ([], ()) if is_one else (joined, (*foreign, *[remark][: len(timed) - 1 - len(foreign)]))
 
 
 def _read_clock(clock: StoredArray) -> FloatArray:

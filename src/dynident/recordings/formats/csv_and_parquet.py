@@ -48,6 +48,7 @@ from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     RewrittenText,
     TextContent,
+    find_stated_rate,
     join_thousands,
 )
 from dynident.recordings.recording_metadata import RecordingError
@@ -176,33 +177,6 @@ def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
     check_unpacked(max(values, metadata.num_rows) * _VALUE_BYTES, size)
 
 
-_NO_THOUSANDS = r"(?![1-9]\d{0,2}\.\d{3}(?!\d))"
-"""Not before 1.000, which is a thousand to some and one to others."""
-_RATE = re.compile(
-    r"\b(?:(?:sampl|abtast|log|record|control|cycle)\w*[ _-]?(?:rate|freq\w*)|fs)\b\W{0,4}(?:\[?k?hz\W{1,4})?"
-    rf"{_NO_THOUSANDS}(\d+(?:\.\d+)?)\s*(k?hz)\b",
-    re.IGNORECASE,
-)
-_PERIOD = re.compile(
-    r"\b(?:(?:sampl\w*|cycle)[ _-]?(?:time|period|interval)|time[ _-]?step|abtastzeit|(?-i:dt|Ts))\b\W{0,4}"
-    rf"{_NO_THOUSANDS}(\d+(?:\.\d+)?(?:e-?\d+)?)\s*(s|ms|us|µs)\b",
-    re.IGNORECASE,
-)
-_UNITS_OF_RATES = {"hz": 1.0, "khz": 1e3, "s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6}
-_SLOWEST, _FASTEST, _LONGEST_REMARK = 1.0, 1e5, 300
-
-
-def _find_stated_rate(start: bytes, n_lines: int) -> float | None:
-    """Return the Hz that the lines above the rows say in words, such as "Sampling rate: 250 Hz"; None without."""
-    rates = set()
-    for line in start.decode("utf-8-sig", errors="replace").splitlines()[:n_lines]:
-        said = line[:_LONGEST_REMARK].replace(",", ".")
-        rates |= {float(rate[1]) * _UNITS_OF_RATES[rate[2].casefold()] for rate in _RATE.finditer(said)}
-        periods = ((float(period[1]), _UNITS_OF_RATES[period[2].casefold()]) for period in _PERIOD.finditer(said))
-        rates |= {per_second / length for length, per_second in periods if length > 0.0}
-    return rates.pop() if len(rates) == 1 and all(_SLOWEST <= rate <= _FASTEST for rate in rates) else None
-
-
 class CsvFileSource(FileSource):
     """A user's CSV file: comma, semicolon, tab or bar between columns; point or comma in numbers."""
 
@@ -214,7 +188,7 @@ class CsvFileSource(FileSource):
         self.texts = dict(self._dialect.texts)
         self.has_gaps = self._dialect.has_gaps
         self.clocks = self._dialect.clocks
-        self.stated_rate = _find_stated_rate(content.read_start(dialect_bytes), self._dialect.lines_before_data)
+        self.stated_rate = find_stated_rate(content.read_start(dialect_bytes), self._dialect.lines_before_data)
         self._worded: set[str] = set()
         self._changes: set[object] = set()
         self._odd_rows = _OddRows(len(self._dialect.names))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -163,6 +164,8 @@ def _unusable_data_error(name: str, reason: str) -> RecordingError:
 _NUMBERS = "fiub"
 _LONGEST_WORD = 1024
 """Bytes of a word of fixed length, as the file states them; what one of another kind takes lies in the file."""
+_MOST_CELLS = 1000
+"""Cells of a list that are looked into; longer ones are of texts or states."""
 _BROKEN = (OSError, RuntimeError, TypeError, ValueError, KeyError, NotImplementedError)
 """What h5py raises of files that are damaged, or hold types that NumPy has not."""
 
@@ -217,23 +220,10 @@ def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
     waiting: list[tuple[str, int, Any]] = [("", 0, file)]
     addresses: set[int] = set()
     while waiting:
-        prefix, depth, group = waiting.pop()
-        for key in group:
-            if isinstance(key, bytes):
-                raise RecordingError(f"The name {key[:80]!r} is not UTF-8 text; rename it.", title=TITLE)
-            name = prefix + key
-            link = group.get(key, getlink=True)
-            if isinstance(link, h5py.ExternalLink):
-                raise RecordingError(
-                    f"{name} is a link to another file ({link.filename!r}); write its data into this file "
-                    "(h5copy, or h5repack after h5py's copy).",
-                    pointer=name,
-                    title="Data in another file",
-                )
-            if not isinstance(link, h5py.HardLink) or name.startswith("#"):
-                continue  # a soft link names what stands elsewhere in the file, and is met there
+        prefix, depth, container = waiting.pop()
+        is_group = isinstance(container, h5py.Group)
+        for name, kind, address, open_member in (_list_members if is_group else _list_cells)(prefix, container):
             # Groups may hold each other by hard links, in a circle: addresses tell what was visited.
-            kind, address = _kind_and_address(group, key)
             if address in addresses:
                 continue
             addresses.add(address)
@@ -244,9 +234,52 @@ def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
                     title=TITLE,
                 )
             if kind == h5py.h5o.TYPE_GROUP:
-                waiting.append((f"{name}/", depth + 1, group[key]))
-            elif kind == h5py.h5o.TYPE_DATASET and (_has_numbers(item := group[key]) or _has_words(item)):
+                waiting.append((f"{name}/", depth + 1, open_member()))
+            elif kind == h5py.h5o.TYPE_DATASET and _has_references(item := open_member()):
+                waiting.append((name, depth + 1, item))
+            elif kind == h5py.h5o.TYPE_DATASET and (_has_numbers(item) or _has_words(item)):
                 yield name, item
+
+
+_Member = tuple[str, int, int, Callable[[], Any]]
+"""The path of an object, what it is, its address, and what opens it."""
+
+
+def _list_members(prefix: str, group: Any) -> Iterator[_Member]:
+    """Yield what a group holds in this file."""
+    import h5py
+
+    for key in group:
+        if isinstance(key, bytes):
+            raise RecordingError(f"The name {key[:80]!r} is not UTF-8 text; rename it.", title=TITLE)
+        name = prefix + key
+        link = group.get(key, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise RecordingError(
+                f"{name} is a link to another file ({link.filename!r}); write its data into this file "
+                "(h5copy, or h5repack after h5py's copy).",
+                pointer=name,
+                title="Data in another file",
+            )
+        # A soft link names what stands elsewhere in the file, and is met there.
+        if isinstance(link, h5py.HardLink) and not name.startswith("#"):
+            yield name, *_kind_and_address(group, key), partial(group.__getitem__, key)
+
+
+def _list_cells(name: str, item: Any) -> Iterator[_Member]:
+    """Yield what the cells of MATLAB's arrays refer to, called as in its older files: runs{2}.q is runs2/q."""
+    import h5py
+
+    # The fields of an array of structures are as many lists of cells, all of one shape.
+    group, _, field = name.rpartition("/")
+    fields = [other for other in item.parent.values() if isinstance(other, h5py.Dataset)] if group else []
+    is_field = len(fields) > 1 and all(_has_references(other) and other.shape == item.shape for other in fields)
+    for number, reference in enumerate(np.ravel(item[()]), start=1):
+        if not reference:
+            continue
+        target = h5py.h5o.get_info(h5py.h5r.dereference(reference, item.id))
+        cell = f"{group}{number}/{field}" if is_field else f"{name}{number}"
+        yield cell, target.type, target.addr, partial(item.file.__getitem__, reference)
 
 
 def _kind_and_address(group: Any, key: str) -> tuple[int, int]:
@@ -267,6 +300,20 @@ def _has_words(item: Any) -> bool:
         and 1 < item.shape[0] <= MOST_WORDS
         and h5py.check_string_dtype(item.dtype) is not None
         and item.dtype.itemsize <= _LONGEST_WORD
+        and item.chunks is None
+        and item.external is None
+        and not item.is_virtual
+    )
+
+
+def _has_references(item: Any) -> bool:
+    """Return whether a data set is a short list of objects of this file, as MATLAB keeps cells."""
+    import h5py
+
+    return (
+        item.shape is not None
+        and h5py.check_ref_dtype(item.dtype) is h5py.Reference
+        and math.prod(item.shape) <= _MOST_CELLS
         and item.chunks is None
         and item.external is None
         and not item.is_virtual

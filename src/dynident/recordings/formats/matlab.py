@@ -65,20 +65,30 @@ def open_matlab(path: Path) -> ArrayFileSource:
         For a file that cannot be read.
     """
     try:
-        return ArrayFileSource(list(_read_arrays(path.open("rb"))))
+        rows: list[str] = []
+        arrays = list(_read_arrays(path.open("rb"), rows))
+        if rows and not arrays:
+            raise RecordingError(
+                f"{rows[0]} is an array of structures, one for each row: save a matrix for each of its fields instead, "
+                f"as q = vertcat({rows[0]}.q).",
+                pointer=rows[0],
+                title=TITLE,
+            )
+        return ArrayFileSource(arrays)
     except RecordingError:
         raise
     except (ValueError, OSError, zlib.error) as error:
         raise RecordingError(f"The file cannot be read as MAT: {error}", title=TITLE) from error
 
 
-def _read_arrays(file: IO[bytes]) -> Iterator[StoredArray]:
+def _read_arrays(file: IO[bytes], rows: list[str]) -> Iterator[StoredArray]:
+    """Yield the arrays of numbers; names of structures that are rows, which are not read, go to `rows`."""
     size = file.seek(0, 2)
     file.seek(_HEADER - 2)
     order = {b"IM": "<", b"MI": ">"}.get(file.read(2))
     if order is None:
         raise ValueError("its header does not state the byte order")
-    reader = _MatrixReader(file, order, size)
+    reader = _MatrixReader(file, order, size, rows)
     elements = list(_read_elements(reader, size))
     sizes = {
         element.start: _read_unpacked_size(file, element, order) for element in elements if element.code == _COMPRESSED
@@ -92,7 +102,7 @@ def _read_arrays(file: IO[bytes]) -> Iterator[StoredArray]:
             yield from reader.read_matrix(element)
             continue
         start, end = unpacked.append(_make_inflater(file, element), sizes[element.start])
-        inner = _MatrixReader(unpacked.file, order, end)
+        inner = _MatrixReader(unpacked.file, order, end, rows)
         yield from inner.read_matrix(inner.read_element(start))
 
 
@@ -145,8 +155,8 @@ def _make_inflater(file: IO[bytes], element: _Element) -> Callable[[int], bytes]
 class _MatrixReader:
     """Finds the numbers of matrices in a file of `size` bytes, whose order of bytes is `order`."""
 
-    def __init__(self, file: IO[bytes], order: str, size: int) -> None:
-        self._file, self._order, self._size = file, order, size
+    def __init__(self, file: IO[bytes], order: str, size: int, rows: list[str]) -> None:
+        self._file, self._order, self._size, self._rows = file, order, size, rows
 
     def read_element(self, at: int) -> _Element:
         """Return the element that begins at a byte; a small one holds its data beside its code."""
@@ -177,7 +187,9 @@ class _MatrixReader:
             return  # what MATLAB keeps for objects beside the variables
         if kind in _NUMERIC and not flag & _COMPLEX:
             yield from self._read_array(name, shape, self.read_element(own_name.following))
-        elif kind == _STRUCTURE and 0 < math.prod(shape) <= _MOST_CELLS:
+        elif kind == _STRUCTURE and math.prod(shape) > _MOST_CELLS:
+            self._rows.append(name)
+        elif kind == _STRUCTURE and math.prod(shape) > 0:
             yield from self._read_fields(name, own_name.following, math.prod(shape), depth + 1)
         elif kind == _CELLS:
             yield from self._read_cells(name, own_name.following, math.prod(shape), element.start + element.size, depth)

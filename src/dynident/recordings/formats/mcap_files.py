@@ -10,8 +10,7 @@ from itertools import count, zip_longest
 from pathlib import Path
 from typing import Any
 
-from dynident.recordings.file_size_limits import TITLE, UnpackedSize, check_chunk
-from dynident.recordings.formats.array_files import BoundedFile
+from dynident.recordings.file_size_limits import TITLE, BoundedFile, UnpackedSize, check_chunk
 from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
 from dynident.recordings.recording_metadata import RecordingError
 

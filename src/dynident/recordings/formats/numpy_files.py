@@ -10,12 +10,11 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from numpy.lib import format as numpy_format
 
-from dynident.recordings.file_size_limits import TITLE, check_columns, check_unpacked
+from dynident.recordings.file_size_limits import TITLE, BoundedFile, check_columns, check_unpacked
 from dynident.recordings.formats.array_files import (
     MOST_WORDS,
     ArrayFileSource,
     ArrayPlace,
-    BoundedFile,
     StoredArray,
     UnpackedParts,
     read_words,

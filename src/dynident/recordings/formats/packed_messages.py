@@ -1,4 +1,4 @@
-"""Fast reading of bag messages that are alike, and the message types that are known.
+"""Fast reading of bag messages that are alike, the message types that are known, and lines of text that are messages.
 
 All messages of a topic are usually of one length, with the same names in the same places. Such a message is written
 again by the package of its format twice, with numbers that mark their places; of all others only the numbers are read,
@@ -7,9 +7,11 @@ many at once.
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.recordings.formats.text_streams import is_in_most_lines
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import are_times
 
@@ -310,3 +313,138 @@ def check_message_kinds(words: Sequence[str]) -> None:
             "one kind, or write a first line with the names of the columns.",
             title="Unreadable file",
         )
+
+
+_LABELLED = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=][ ]*(?:[\[({][ ]*)?(?=[+-]?[.\d])")
+_BARE = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_]\w*)[ ]+(?=[+-]?[.\d])")
+"""A word before numbers with a sign between, and with spaces alone."""
+_FREE_NUMBER = re.compile(r"(?<![\w.])[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
+
+
+_BRACES = re.compile(r"\w[ ]*+[:=][ ]*+\{[ ]*+[+-]?[.\d]")
+_TIME_OF_DAY = re.compile(r"(?<![\w:.])(\d{1,2}):([0-5]\d):([0-5]\d(?:[.,]\d+)?)(?![\w:.])")
+
+
+def _write_seconds(text: str, label: re.Pattern[str]) -> str:
+    """Return the text with times of day as numbers in s with a word before them, as the other numbers have."""
+    sign = "=" if label is _LABELLED else " "
+
+    def write(clock: re.Match[str]) -> str:
+        seconds = 3600 * int(clock[1]) + 60 * int(clock[2]) + float(clock[3].replace(",", "."))
+        return f"time{sign}{seconds:.9g}"
+
+    return _TIME_OF_DAY.sub(write, text)
+
+
+def name_labelled_numbers(line: str, label: re.Pattern[str] = _LABELLED) -> tuple[str, ...]:
+    """Return names for the numbers of a line in which words stand before them, `q: 0.1 0.2 tau=3`: q1, q2, tau."""
+    line = _write_seconds(line, label)
+    labels = [(match.end(), match["label"]) for match in label.finditer(line)]
+    # Indices within labels are no numbers of their own.
+    taken = [match.span() for match in label.finditer(line)]
+    own: list[str] = []
+    for number in _FREE_NUMBER.finditer(line):
+        if any(begin <= number.start() < end for begin, end in taken):
+            continue
+        before = [word for end, word in labels if end <= number.start()]
+        own.append(before[-1] if before else "column")
+    counts = {word: own.count(word) for word in own}
+    seen = dict.fromkeys(own, 0)
+    names = []
+    for word in own:
+        seen[word] += 1
+        joint = "_" if word[-1].isdigit() else ""
+        names.append(word if counts[word] == 1 and word != "column" else f"{word}{joint}{seen[word]}")
+    return tuple(names)
+
+
+def find_labels(lines: list[str]) -> re.Pattern[str] | None:
+    """Return how words stand before the numbers of lines that are no table, the same in nearly all; None of others."""
+    rows = [line for line in lines if line.strip()][-_LABELLED_LINES:]
+    # Braces behind words hold their numbers; others, and quotes, are those of objects.
+    if len(rows) < 2 or '"' in rows[-1] or rows[-1].count("{") > len(_BRACES.findall(rows[-1])):
+        return None
+    # Words and numbers between other signs than spaces are cells of a table.
+    for label in (_LABELLED,) if set(",;\t|") & set(rows[-1]) else (_LABELLED, _BARE):
+        words = {match["label"] for match in label.finditer(rows[-1])}
+        names = [name_labelled_numbers(row, label) for row in rows if len(words) > 1]
+        usual = names[-1] if names else ()
+        # Without a sign they may be so as well: what has lists behind several words is no table.
+        has_lists = sum(f"{word}2" in usual or f"{word}_2" in usual for word in words) > 1
+        if len(usual) > 2 and (label is _LABELLED or has_lists) and names.count(usual) >= 0.8 * len(names):
+            return label
+    return None
+
+
+def keep_numbers(text: str, label: re.Pattern[str] = _LABELLED) -> str:
+    """Return the numbers of each line alone, with commas between them."""
+    lines = []
+    for line in _write_seconds(text, label).splitlines():
+        plain = label.sub(" ", line)
+        lines.append(",".join(match[0] for match in _FREE_NUMBER.finditer(plain)) if label.search(line) else "")
+    return "\n".join([*lines, ""])
+
+
+_SAMPLE = r"\d+(?:\.\d+)?:[+-]?[\d.]+(?:[eE][+-]?\d+)?"
+_PLOTTED = re.compile(rf"(?m)^>?([A-Za-z_][\w. /-]*):({_SAMPLE}(?:;{_SAMPLE})*);?(?:§[^|\n]*)?(?:\|\w*)?\r?$")
+"""A line of a plotter of values, `>q1:1700000000123:0.12;1700000000133:0.13`: a name, times and values."""
+
+
+def separate_plotted(text: str) -> str:
+    """Return lines that a plotter takes as rows of time, name and value; behind them the others as single cells."""
+    rows, others = [], []
+    for line in text.splitlines():
+        if plotted := _PLOTTED.match(line):
+            rows += [f"{time},{plotted[1]},{sample}\n" for time, sample in re.findall("([^;:]+):([^;]+)", plotted[2])]
+        elif line.strip():
+            # A reader counts and reports rows with another number of cells.
+            others.append(re.sub('[,"]', " ", line) + "\n")
+    return "".join([*rows, *others])
+
+
+_GROUP = re.compile(r"[\[({]\s*([+-]?[.\d][^\[\](){}]*)[\])}]")
+
+
+def name_grouped_numbers(line: str) -> tuple[str, ...]:
+    """Return names for the numbers of a line in which brackets group them, `12 (0.1 0.2) [ok] (3 4)`; none of others.
+
+    Between the brackets stand words and spaces: what commas separate are cells of a table.
+    """
+    parts = _GROUP.split(line)
+    between, groups = parts[::2], parts[1::2]
+    if len(groups) < 2 or any(sign in text for text in between for sign in ",;\t|"):
+        return ()
+    names = [f"column{number + 1}" for number in range(len(_FREE_NUMBER.findall(between[0])))]
+    for number, items in enumerate(groups, start=1):
+        names += [f"group{number}_{place + 1}" for place in range(len(_FREE_NUMBER.findall(items)))]
+    return tuple(names)
+
+
+def keep_grouped_numbers(text: str, n: int) -> str:
+    """Return the numbers of each line alone, with commas between them; lines with other than `n` are empty."""
+    rows = []
+    for line in text.splitlines():
+        parts = _GROUP.split(line)
+        numbers = _FREE_NUMBER.findall(" ".join(parts[:1] + parts[1::2]))
+        rows.append(",".join(numbers) if len(numbers) == n else "")
+    return "\n".join([*rows, ""])
+
+
+LineForm = tuple[tuple[str, ...], Callable[[str], str], str]
+
+
+def find_line_form(lines: list[str]) -> LineForm | None:
+    """Return the columns of lines that are no table, what makes one of them, and a remark on it; None of tables."""
+    if (label := find_labels(lines)) is not None:
+        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
+        return name_labelled_numbers(lines[-1], label), partial(keep_numbers, label=label), remark
+    rows = [name_grouped_numbers(line) for line in lines if line.strip()][-_LABELLED_LINES:]
+    if len(rows) > 1 and rows[-1] and rows.count(rows[-1]) >= 0.8 * len(rows):
+        remark = "The lines are numbers in brackets: they are called by the brackets' number and their place in them."
+        return rows[-1], partial(keep_grouped_numbers, n=len(rows[-1])), remark
+    if is_in_most_lines(_PLOTTED, "\n".join(lines)):
+        return ("time", "variable", "value"), separate_plotted, "Each line is a name, a time and a value of it."
+    return None
+
+
+_LABELLED_LINES = 50

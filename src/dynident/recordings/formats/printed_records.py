@@ -14,14 +14,16 @@ from collections.abc import Iterator, Sequence
 from typing import IO, Any, Literal
 
 from dynident.recordings.file_size_limits import DEEPEST, LARGEST_MESSAGE, MOST_TIMES, TITLE
-from dynident.recordings.formats.text_streams import ProducedStream, TextContent, find_labels
+from dynident.recordings.formats.packed_messages import find_labels
+from dynident.recordings.formats.text_streams import ProducedStream, TextContent
 from dynident.recordings.recording_metadata import RecordingError
 
 Kind = Literal["python", "messages", "items", "protobuf"]
 
 _LOOKED_AT = 1 << 16
 _PYTHON = re.compile(
-    r"^\s*(?:\{\s*'|(?:\(|\[)\s*[-+.\d]+\s*,\s*(?:array)?[(\[]|[A-Za-z_][\w.:]*(?:\(\w+=|\s?\{\s*\w+\s?:\s?\S[^\n]*\}))"
+    r"^\s*(?:\{\s*'|[(\[]\s*(?:[(\[]\s*[-+.\d]|[-+.\d]+\s*,\s*(?:array)?[(\[])"
+    r"|[A-Za-z_][\w.:]*(?:\(\w+=|\s?\{\s*\w+\s?:\s?\S[^\n]*\}))"
 )
 """How dictionaries begin, tuples of numbers and lists, and objects on one line: State(t=0.1), State { t: 0.1 }."""
 _PROTOBUF = re.compile(

@@ -18,8 +18,14 @@ from typing import Any
 import numpy as np
 
 from dynident.array_types import IntArray
-from dynident.recordings.file_size_limits import LARGEST_CHUNK, TITLE, UnpackedSize, check_chunk, check_columns
-from dynident.recordings.formats.array_files import BoundedFile
+from dynident.recordings.file_size_limits import (
+    LARGEST_CHUNK,
+    TITLE,
+    BoundedFile,
+    UnpackedSize,
+    check_chunk,
+    check_columns,
+)
 from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
 from dynident.recordings.recording_metadata import RecordingError
 

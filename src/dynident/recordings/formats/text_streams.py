@@ -17,6 +17,7 @@ import pyarrow as pa
 from dynident.recordings.file_size_limits import LARGEST_MESSAGE, MOST_TEXT, TITLE, UnpackedSize
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import is_time_name
+from dynident.text_encoding import decode_unmarked_text
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
@@ -254,7 +255,7 @@ _MOST_LINES = 0.9
 
 def has_stamps_of_digits(text: str) -> bool:
     """Return whether nearly all lines have a date and a time of day in one number."""
-    return _is_in_most_lines(_STAMP_OF_DIGITS, text)
+    return is_in_most_lines(_STAMP_OF_DIGITS, text)
 
 
 def separate_stamps(text: str) -> str:
@@ -266,7 +267,7 @@ def separate_stamps(text: str) -> str:
 
 def has_marked_rows(text: str) -> bool:
     """Return whether nearly all lines are numbers behind the sign of a remark."""
-    return _is_in_most_lines(_MARKED_ROW, text)
+    return is_in_most_lines(_MARKED_ROW, text)
 
 
 def unmark_rows(text: str) -> str:
@@ -274,7 +275,8 @@ def unmark_rows(text: str) -> str:
     return _MARKED_ROW.sub("", text)
 
 
-def _is_in_most_lines(pattern: re.Pattern[str], text: str) -> bool:
+def is_in_most_lines(pattern: re.Pattern[str], text: str) -> bool:
+    """Return whether nearly all lines have a pattern."""
     n_lines = text.count("\n")
     return n_lines > 2 and len(pattern.findall(text)) > _MOST_LINES * n_lines
 
@@ -305,90 +307,60 @@ def join_thousands(text: str, decimal_point: str, delimiter: str) -> str:
     return (_QUOTED_COMMAS if delimiter == "," else _COMMAS).sub(lambda number: number[1].replace(",", ""), text)
 
 
-_LABELLED = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=][ ]*(?:[\[(][ ]*)?(?=[+-]?[.\d])")
-_BARE = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_]\w*)[ ]+(?=[+-]?[.\d])")
-"""A word before numbers with a sign between, and with spaces alone."""
-_FREE_NUMBER = re.compile(r"(?<![\w.])[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
+def decode_text(start: bytes) -> tuple[str, str]:
+    """Return the first bytes as text, and their encoding."""
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return start.decode("utf-16", errors="ignore"), "utf-16"
+    # Without a mark every second byte of western text is 0.
+    for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        if len(start) > 2 and start[odd::2].count(0) > 0.9 * len(start[odd::2]) and 0 not in start[1 - odd :: 2]:
+            return start.decode(encoding, errors="ignore"), encoding
+    if b"\0" in start:
+        raise RecordingError(
+            "The file is neither Parquet nor text, nor in another known format: save the table as CSV or Parquet, or "
+            "its arrays with np.savez.",
+            title="Unreadable file",
+        )
+    try:
+        return start.decode("utf-8-sig"), "utf-8"
+    except UnicodeDecodeError as error:
+        # The last character may be cut off.
+        if error.start >= len(start) - 4:
+            return start[: error.start].decode("utf-8-sig"), "utf-8"
+        text, encoding = decode_unmarked_text(start)
+        # Names are read from here, and single bytes in cells break no number: only other letters have to be rewritten.
+        return text, "utf-8" if encoding == "cp1252" else encoding
 
 
-def name_labelled_numbers(line: str, label: re.Pattern[str] = _LABELLED) -> tuple[str, ...]:
-    """Return names for the numbers of a line in which words stand before them, `q: 0.1 0.2 tau=3`: q1, q2, tau."""
-    labels = [(match.end(), match["label"]) for match in label.finditer(line)]
-    # Indices within labels are no numbers of their own.
-    taken = [match.span() for match in label.finditer(line)]
-    own: list[str] = []
-    for number in _FREE_NUMBER.finditer(line):
-        if any(begin <= number.start() < end for begin, end in taken):
-            continue
-        before = [word for end, word in labels if end <= number.start()]
-        own.append(before[-1] if before else "column")
-    counts = {word: own.count(word) for word in own}
-    seen = dict.fromkeys(own, 0)
-    names = []
-    for word in own:
-        seen[word] += 1
-        joint = "_" if word[-1].isdigit() else ""
-        names.append(word if counts[word] == 1 and word != "column" else f"{word}{joint}{seen[word]}")
-    return tuple(names)
+_NO_THOUSANDS = r"(?![1-9]\d{0,2}\.\d{3}(?!\d))"
+"""Not before 1.000, which is a thousand to some and one to others."""
+_RATE = re.compile(
+    r"\b(?:(?:sampl|abtast|log|record|control|cycle)\w*[ _-]?(?:rate|freq\w*)|fs)\b\W{0,4}(?:\[?k?hz\W{1,4})?"
+    rf"{_NO_THOUSANDS}(\d+(?:\.\d+)?)\s*(k?hz)\b",
+    re.IGNORECASE,
+)
+_PERIOD = re.compile(
+    r"\b(?:(?:sampl\w*|cycle)[ _-]?(?:time|period|interval)|time[ _-]?step|abtastzeit|(?-i:dt|Ts)"
+    r"|(wf_increment|delta_x))"
+    rf"\b\W{{0,4}}{_NO_THOUSANDS}(\d+(?:\.\d+)?(?:e-?\d+)?)(?:\s*(s|ms|us|µs)\b|(?(1)|(?!)))",
+    re.IGNORECASE,
+)
+_UNITS_OF_RATES = {"hz": 1.0, "khz": 1e3, "s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6}
+_SLOWEST, _FASTEST, _LONGEST_REMARK = 1.0, 1e5, 300
 
 
-def find_labels(lines: list[str]) -> re.Pattern[str] | None:
-    """Return how words stand before the numbers of lines that are no table, the same in nearly all; None of others."""
-    rows = [line for line in lines if line.strip()][-_LABELLED_LINES:]
-    if len(rows) < 2 or any(sign in rows[-1] for sign in '"{'):
-        return None
-    # Words and numbers between other signs than spaces are cells of a table.
-    for label in (_LABELLED,) if set(",;\t|") & set(rows[-1]) else (_LABELLED, _BARE):
-        words = {match["label"] for match in label.finditer(rows[-1])}
-        names = [name_labelled_numbers(row, label) for row in rows if len(words) > 1]
-        usual = names[-1] if names else ()
-        # Without a sign they may be so as well: what has lists behind several words is no table.
-        has_lists = sum(f"{word}2" in usual or f"{word}_2" in usual for word in words) > 1
-        if len(usual) > 2 and (label is _LABELLED or has_lists) and names.count(usual) >= 0.8 * len(names):
-            return label
-    return None
-
-
-def keep_numbers(text: str, label: re.Pattern[str] = _LABELLED) -> str:
-    """Return the numbers of each line alone, with commas between them."""
-    lines = []
-    for line in text.splitlines():
-        plain = label.sub(" ", line)
-        lines.append(",".join(match[0] for match in _FREE_NUMBER.finditer(plain)) if label.search(line) else "")
-    return "\n".join([*lines, ""])
-
-
-_SAMPLE = r"\d+(?:\.\d+)?:[+-]?[\d.]+(?:[eE][+-]?\d+)?"
-_PLOTTED = re.compile(rf"(?m)^>?([A-Za-z_][\w. /-]*):({_SAMPLE}(?:;{_SAMPLE})*);?(?:§[^|\n]*)?(?:\|\w*)?\r?$")
-"""A line of a plotter of values, `>q1:1700000000123:0.12;1700000000133:0.13`: a name, times and values."""
-
-
-def separate_plotted(text: str) -> str:
-    """Return lines that a plotter takes as rows of time, name and value; behind them the others as single cells."""
-    rows, others = [], []
-    for line in text.splitlines():
-        if plotted := _PLOTTED.match(line):
-            rows += [f"{time},{plotted[1]},{value}\n" for time, value in re.findall("([^;:]+):([^;]+)", plotted[2])]
-        elif line.strip():
-            # A reader counts and reports rows with another number of cells.
-            others.append(re.sub('[,"]', " ", line) + "\n")
-    return "".join([*rows, *others])
-
-
-LineForm = tuple[tuple[str, ...], Callable[[str], str], str]
-
-
-def find_line_form(lines: list[str]) -> LineForm | None:
-    """Return the columns of lines that are no table, what makes one of them, and a remark on it; None of tables."""
-    if (label := find_labels(lines)) is not None:
-        remark = "The lines are numbers with words before them: the words are taken for the names of columns."
-        return name_labelled_numbers(lines[-1], label), partial(keep_numbers, label=label), remark
-    if _is_in_most_lines(_PLOTTED, "\n".join(lines)):
-        return ("time", "variable", "value"), separate_plotted, "Each line is a name, a time and a value of it."
-    return None
-
-
-_LABELLED_LINES = 50
+def find_stated_rate(start: bytes, n_lines: int) -> float | None:
+    """Return the Hz that the lines above the rows say in words, such as "Sampling rate: 250 Hz"; None without."""
+    rates = set()
+    for line in start.decode("utf-8-sig", errors="replace").splitlines()[:n_lines]:
+        said = line[:_LONGEST_REMARK].replace(",", ".")
+        rates |= {float(rate[1]) * _UNITS_OF_RATES[rate[2].casefold()] for rate in _RATE.finditer(said)}
+        # LabVIEW's increments are in s.
+        periods = (
+            (float(period[2]), _UNITS_OF_RATES[(period[3] or "s").casefold()]) for period in _PERIOD.finditer(said)
+        )
+        rates |= {per_second / length for length, per_second in periods if length > 0.0}
+    return rates.pop() if len(rates) == 1 and all(_SLOWEST <= rate <= _FASTEST for rate in rates) else None
 
 
 def squeeze_spaces(text: str) -> str:
