@@ -500,13 +500,46 @@ def test_blocks_side_by_side_with_times_of_other_rates_are_joined(tmp_path, name
     np.testing.assert_allclose(tau[slow][:-1], run.tau[slow][:-1], rtol=1e-6, atol=1e-6)
 
 
-def test_a_second_time_of_the_same_rows_joins_nothing(tmp_path):
+@pytest.mark.parametrize("n_lost", [0, 1])
+def test_a_second_time_of_the_same_rows_joins_nothing(tmp_path, n_lost):
     run = recorded(*CASES[0])
-    for second in (run.t + 3.0, 1e3 * run.t, 1e9 * run.t, np.arange(len(run.t))):
-        values = np.column_stack([run.t, run.q, second, run.tau])
-        header = ["time", *counted("q{}", run.n, 1), "time_sent", *counted("tau{}", run.n, 1)]
-        sample = read_sample(written(tmp_path / "both.csv", table(header, cells(values))))
-        assert (sample.names[0], sample.names[1 + run.n], sample.remarks) == ("time", "time_sent", ())
+    seconds = (run.t + 3.0, 1e3 * run.t, 1e9 * run.t, np.arange(len(run.t)), 1e7 * run.t, 1.3 * run.t, run.t / 3600)
+    for name in ("time_sent", "wall_time", "time_h"):
+        for second in (*seconds, 6.4e17 + 1e7 * run.t):
+            columns = cells(np.column_stack([run.t, run.q, second, run.tau]))
+            for column in columns[1 + run.n :] if n_lost else ():
+                column[-n_lost:] = [""] * n_lost
+            header = ["time", *counted("q{}", run.n, 1), name, *counted("tau{}", run.n, 1)]
+            sample = read_sample(written(tmp_path / "both.csv", table(header, columns)))
+            assert (sample.names[0], sample.names[1 + run.n], sample.remarks) == ("time", name, ())
+
+
+def test_a_time_that_ends_early_beside_whole_columns_is_no_block(tmp_path):
+    run = recorded(*CASES[0])
+    columns = cells(np.column_stack([run.t, run.q, 4.0 * run.t, run.tau]))
+    columns[1 + run.n][len(run.t) // 4 :] = [""] * (len(run.t) - len(run.t) // 4)
+    header = ["time", *counted("q{}", run.n, 1), "time_sent", *counted("tau{}", run.n, 1)]
+    source = open_source(written(tmp_path / "early.csv", table(header, columns)), None)
+    values = np.concatenate(list(source.blocks()))
+    np.testing.assert_allclose(values[:, source.names.index("tau1")], run.tau[:, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "scale"), [("time_ms", 1e3), ("time [us]", 1e6), ("time_h", 1 / 3600)])
+@pytest.mark.parametrize("turned", [False, True])
+def test_blocks_side_by_side_are_joined_in_the_units_that_their_times_state(tmp_path, name, scale, turned):
+    case = CASES[0]
+    run, slow = recorded(*case), slice(None, None, 4)
+    names, scales = (name, "time_s")[:: -1 if turned else 1], (scale, 1.0)[:: -1 if turned else 1]
+    rows = [[*row, *[""] * (1 + run.n)] for row in cells(np.column_stack([scales[0] * run.t, run.q]).T)]
+    second = np.column_stack([scales[1] * run.t[slow], run.tau[slow]])
+    for row, late in zip(rows, cells(second.T), strict=False):
+        row[1 + run.n :] = late
+    header = [names[0], *counted("q{}", run.n, 1), names[1], *counted("tau{}", run.n, 1)]
+    source = open_source(written(tmp_path / "b.csv", table(header, list(map(list, zip(*rows, strict=True))))), None)
+    values = np.concatenate(list(source.blocks()))
+    np.testing.assert_allclose(values[:, 0], scales[0] * run.t, atol=1e-6)
+    tau = values[slow, source.names.index("tau1")]
+    np.testing.assert_allclose(tau[1:-1], run.tau[slow, 0][1:-1], rtol=1e-4, atol=1e-4)
 
 
 def test_tuples_within_tuples_are_columns(tmp_path):

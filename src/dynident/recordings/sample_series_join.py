@@ -17,6 +17,7 @@ from dynident.recordings.file_size_limits import choose_block_rows
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import describe_foreign_clock, is_time_name
+from dynident.recordings.units import read_time_unit
 
 _LOOKED_AT = 4000
 _BLOCK_SAMPLES = 8192
@@ -153,17 +154,20 @@ class OwnClocksSource(FileSource):
     series : mapping of str to sequence of str
         Columns that share a time, by the first of their columns of time.
     steps : mapping of str to float
-        Usual step of each time.
+        Usual step of each time in s, as far as the file states units.
     """
 
     def __init__(self, source: FileSource, series: Mapping[str, Sequence[str]], steps: Mapping[str, float]) -> None:
-        self._source, self._series, self._steps = source, series, steps
+        self._source, self._series = source, series
         self._main = min(series, key=lambda time: steps[time])
         timed = {name for names in series.values() for name in names}
         names = [name for name in source.names if name in timed]
         super().__init__([_TIME, *names], {name: unit for name, unit in source.units.items() if name in timed})
-        if self._main in source.units:
-            self.units[_TIME] = source.units[self._main]
+        unit, scale = read_time_unit(self._main, source.units.get(self._main))
+        if unit:
+            self.units[_TIME] = unit
+        self._scales = {time: read_time_unit(time, source.units.get(time))[1] / scale for time in series}
+        self._steps = {time: steps[time] / scale for time in series}
         self.sample_rows, self.texts, self.inner = source.sample_rows, source.texts, source
         # Empty cells below the shorter columns are filled as the series are joined.
         self.has_gaps = source.has_gaps and len(series) == 1
@@ -183,7 +187,7 @@ class OwnClocksSource(FileSource):
         first_row = 0
         for batch in self._source.batches([*own, *(name for names in own.values() for name in names)]):
             for time, names in own.items():
-                t = to_float_column(batch, time, first_row)
+                t = self._scales[time] * to_float_column(batch, time, first_row)
                 table = [to_float_column(batch, name, first_row) for name in names]
                 has_time = np.isfinite(t)
                 values = np.column_stack(table) if table else np.empty((len(t), 0))
@@ -222,7 +226,7 @@ def join_own_clocks(source: FileSource) -> FileSource:
         times.setdefault(stamps, clock)
     steps, spans = {}, {}
     for clock in times.values():
-        t = to_float_column(first, clock, 0)
+        t = read_time_unit(clock, source.units.get(clock))[1] * to_float_column(first, clock, 0)
         step = np.diff(t)
         step = step[np.isfinite(step) & (step > 0)]
         steps[clock] = float(np.median(step)) if len(step) else np.inf
@@ -241,32 +245,51 @@ def join_own_clocks(source: FileSource) -> FileSource:
 
 
 _TIME_WORDS = frozenset({"t", "time", "timestamp", "stamp", "zeit", "temps", "tiempo", "tempo"})
-_SAME_STEP = 0.01
-"""Relative difference of the steps of two clocks that are taken for one, apart from factors of 1000 between units."""
+_FEWER_ROWS = 0.9
+"""Share of the longest block's rows that a shorter one has at most: rows that are lost at an end make none."""
+_LONGEST_BESIDE = 2.0
+"""Ratio of the times that two blocks of one recording take, at most."""
 
 
 def _find_clocks_of_blocks(source: FileSource) -> dict[str, str]:
-    """Return the time of each column where blocks stand side by side that begin with times of different rates."""
+    """Return the time of each column where blocks of other numbers of rows stand side by side, each behind its time.
+
+    In rows of one number a second time says when something else happened, in whatever unit it counts.
+    """
     named = [name for name in source.names if _TIME_WORDS & set(re.split("[^a-z]+", name.casefold()))]
     first = next(iter(source.batches(named)), None) if len(named) > 1 and named[0] == source.names[0] else None
     steps = {}
     for name in named if first is not None else ():
         t = to_float_column(first, name, 0)
-        step = np.diff(t[np.isfinite(t)])
-        # What goes up by one from row to row counts these.
-        if len(step) >= _FEWEST and (step > 0.0).all() and not (step == 1.0).all():
-            steps[name] = float(np.median(step))
-    orders = np.log10(list(steps.values())) / 3.0
-    distances = np.abs(orders - orders[:1] - np.round(orders - orders[:1])) if len(orders) else np.zeros(1)
-    # Rows of one rate belong together, whatever else says when they were sent.
-    if source.names[0] not in steps or distances.max() <= np.log10(1.0 + _SAME_STEP) / 3.0:
+        step = np.diff(t[: np.isfinite(t).sum()])
+        if len(step) >= _FEWEST and (step > 0.0).all():
+            steps[name] = read_time_unit(name, source.units.get(name))[1] * float(np.median(step))
+    if source.names[0] not in steps or len(steps) < 2:
         return {}
-    clocks, clock = {}, ""
+    counts = _count_rows(source, list(steps))
+    seconds = {name: counts[name] * step for name, step in steps.items()}
+    whole, clock_of, clock = seconds[source.names[0]], dict[str, str](), ""
     for name in source.names:
-        clock = name if name in steps else clock
-        if name != clock:
-            clocks[name] = clock
-    return clocks
+        if whole <= _LONGEST_BESIDE * seconds.get(name, 0.0) <= _LONGEST_BESIDE**2 * whole:
+            clock = name
+        else:
+            clock_of[name] = clock
+    lengths = [counts[clock] for clock in clock_of.values()]
+    if not lengths or min(lengths) > _FEWER_ROWS * max(lengths):
+        return {}
+    ends = _count_rows(source, list(clock_of))
+    return clock_of if all(ends[name] <= counts[clock] for name, clock in clock_of.items()) else {}
+
+
+def _count_rows(source: FileSource, names: list[str]) -> dict[str, int]:
+    """Return the rows down to the last number of each column."""
+    counts, first_row = dict.fromkeys(names, 0), 0
+    for batch in source.batches(names):
+        for name in names:
+            filled = np.flatnonzero(np.isfinite(to_float_column(batch, name, first_row)))
+            counts[name] = first_row + int(filled[-1]) + 1 if len(filled) else counts[name]
+        first_row += batch.num_rows
+    return counts
 
 
 def describe_join(main: str, others: Sequence[str]) -> str:
@@ -457,18 +480,7 @@ class TimeJoin:
         return len(self._series[self._main]) >= self._block_samples
 
     def rows(self, *, last: bool = False) -> JoinedSamples:
-        """Return the rows up to the time that every series has reached, and forget them.
-
-        Parameters
-        ----------
-        last : bool
-            Whether no more samples follow: then all rows are returned.
-
-        Returns
-        -------
-        JoinedSamples
-            Times, and the values of all series at them.
-        """
+        """Return the rows up to the time that every series has reached, or the `last` ones too, and forget them."""
         main = self._series[self._main]
         # A series that has ended or fallen silent must not hold up all others.
         is_stalled = len(main) >= _PATIENCE * self._block_samples

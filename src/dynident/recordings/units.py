@@ -137,6 +137,14 @@ def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where:
     )
 
 
+def read_time_unit(name: str, stated: str | None) -> tuple[str, float]:
+    """Return the unit of a time, as it is stated or the column's name ends, and the s of one; "" and 1 without."""
+    known = FACTORS["t", None]
+    ending = re.split("[^a-zµ0-9]+", name.casefold().rstrip(" )]"))[-1]
+    unit = stated or (ending if ending in known else "")
+    return unit, known.get(unit, 1.0)
+
+
 def find_unit(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> tuple[str | None, str]:
     """Return the unit of a column with the key that gave it: one of its names, else its kind of signal.
 
