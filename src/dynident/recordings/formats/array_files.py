@@ -133,6 +133,11 @@ def read_words(cells: Iterable[object]) -> tuple[str, ...]:
     return words if all(words) and len(set(words)) == len(words) > 1 else ()
 
 
+def count_name(name: str, number: int) -> str:
+    """Return the name of one of several things that have one name: q2, or q1_2 behind a number."""
+    return f"{name}_{number}" if name[-1:].isdigit() else f"{name}{number}"
+
+
 FEWEST_ROWS = 8
 """Arrays that are shorter both ways are settings, not signals."""
 
@@ -173,12 +178,17 @@ class ArrayFileSource(FileSource):
         The arrays of numbers.
     words : sequence of tuple of str
         Lists of different words in the file: one that is as long as an array is wide names its columns.
+    rows : sequence of str
+        Names of arrays of structures that may be rows, to say so where nothing else is there.
     """
 
-    def __init__(self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = ()) -> None:
-        self._places: dict[str, _ArrayColumn] = {}
+    def __init__(
+        self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = (), rows: Sequence[str] = ()
+    ) -> None:
         self.stated_rate = _find_stated_rate(arrays)
         deep = next((array for array in arrays if len(array.shape) > 2), None)
+        names = _distinguish([array.name for array in arrays])
+        arrays = [replace(array, name=name) for array, name in zip(arrays, names, strict=True)]
         arrays = [array for array in arrays if 1 <= len(array.shape) <= 2 and min(array.shape) > 0]
         labelled = _name_by_labels(arrays)
         runs, left_out = _find_runs(labelled)
@@ -193,23 +203,29 @@ class ArrayFileSource(FileSource):
             labelled = _name_by_labels(joined) if joined else labelled
         arrays = [array for array in labelled if max(array.shape) >= FEWEST_ROWS]
         if not arrays:
-            raise RecordingError(_describe_no_arrays(deep), title=TITLE)
+            raise RecordingError(_describe_no_arrays(deep, rows), pointer=next(iter(rows), ""), title=TITLE)
         # Arrays do not say which of their axes is time: it is the length that they share.
         self._length = _find_length(arrays)
         # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
         prefix = _find_prefix([array.name for array in arrays])
         arrays = [array for array in arrays if self._length in array.shape]
         check_columns(sum(math.prod(array.shape) // self._length for array in arrays))
+        places: list[tuple[str, _ArrayColumn]] = []
+        vectors = {array.name[len(prefix) :] for array in arrays if math.prod(array.shape) == self._length}
         for array in arrays:
             axis = array.shape.index(self._length)
             width = array.shape[1 - axis] if len(array.shape) == 2 else 1
             name = array.name[len(prefix) :] or "column"
             named = {listed for listed in words if len(listed) == width > 1}
             parts = [f"_{word}" for word in named.pop()] if len(named) == 1 else [*map(str, range(1, width + 1))]
-            joint = "_" if name[-1].isdigit() else ""
-            for index in range(width):
-                column = name if width == 1 else f"{name}{joint}{parts[index]}"
-                self._places[column] = _ArrayColumn(array, axis, index)
+            # Beside a vector q1 the columns of q are q_1 ….
+            joint = "_" if name[-1].isdigit() or vectors.intersection(f"{name}{part}" for part in parts) else ""
+            places += [
+                (name if width == 1 else f"{name}{joint}{parts[index]}", _ArrayColumn(array, axis, index))
+                for index in range(width)
+            ]
+        columns = _distinguish([column for column, _ in places])
+        self._places = {column: place for column, (_, place) in zip(columns, places, strict=True)}
         super().__init__(list(self._places))
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
@@ -313,6 +329,20 @@ def _chain_runs(runs: Sequence[dict[str, StoredArray]]) -> list[StoredArray]:
     return [*signals, StoredArray("segment", (total,), number_runs)]
 
 
+def _distinguish(names: Sequence[str]) -> list[str]:
+    """Return names that differ: one that was there before has a number of its own behind it."""
+    taken, own = set(names), list[str]()
+    seen: Counter[str] = Counter()
+    for name in names:
+        seen[name] += 1
+        other = name
+        while seen[name] > 1 and (other := f"{name}_{seen[name]}") in taken:
+            seen[name] += 1
+        taken.add(other)
+        own.append(other)
+    return own
+
+
 def _name_by_labels(arrays: Sequence[StoredArray]) -> list[StoredArray]:
     """Return the arrays by their labels; of several that are called alike, each keeps the name of its place."""
     called = Counter(name for array in arrays for name in {array.name, array.label or array.name})
@@ -404,8 +434,13 @@ def _resample(array: StoredArray, own: FloatArray, t: FloatArray) -> StoredArray
     return StoredArray(array.name, (len(t), math.prod(array.shape) // len(own)), read, array.label)
 
 
-def _describe_no_arrays(deep: StoredArray | None) -> str:
+def _describe_no_arrays(deep: StoredArray | None, rows: Sequence[str]) -> str:
     """Return why a file without usable arrays cannot be read; `deep` is an array of more than two axes."""
+    if rows:
+        return (
+            f"{rows[0]} is an array of structures, one for each row: save a matrix for each of its fields instead, "
+            f"as q = vertcat({rows[0]}.q)."
+        )
     if deep is None:
         return "The file contains no arrays of numbers with rows."
     return (

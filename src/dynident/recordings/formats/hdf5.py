@@ -26,7 +26,14 @@ from dynident.recordings.file_size_limits import (
     check_columns,
     check_unpacked,
 )
-from dynident.recordings.formats.array_files import MOST_WORDS, ArrayFileSource, StoredArray, read_words
+from dynident.recordings.formats.array_files import (
+    FEWEST_ROWS,
+    MOST_WORDS,
+    ArrayFileSource,
+    StoredArray,
+    count_name,
+    read_words,
+)
 from dynident.recordings.recording_metadata import RecordingError
 
 if TYPE_CHECKING:
@@ -195,49 +202,67 @@ def open_hdf5(path: Path) -> ArrayFileSource:
 
     try:
         file = h5py.File(path, "r")
-        datasets = dict(_find_datasets(file))
-        words = [read_words(item[()]) for name, item in datasets.items() if not _has_numbers(item)]
-        datasets = {name: item for name, item in datasets.items() if _has_numbers(item)}
+        rows: list[str] = []
+        stored = list(_find_datasets(file, rows))
+        words = [read_words(item[()]) for _, item in stored if not _has_numbers(item)]
+        datasets = [(name, item) for name, item in stored if _has_numbers(item)]
         check_columns(len(datasets))
         size = path.stat().st_size
         # Sizes as the file states them, before a byte of data is read.
-        check_unpacked(sum(math.prod(item.shape) * item.dtype.itemsize for item in datasets.values()), size)
+        check_unpacked(sum(math.prod(item.shape) * item.dtype.itemsize for _, item in datasets), size)
         arrays: list[StoredArray] = []
-        for name, item in datasets.items():
+        for name, item in datasets:
             check_hdf5_storage(name, item, size)
             arrays += _list_arrays(name, item)
     except RecordingError:
         raise
     except _BROKEN as error:
         raise RecordingError(f"The file cannot be read as HDF5: {error}", title=TITLE) from error
-    return ArrayFileSource(arrays, words)
+    return ArrayFileSource(arrays, words, rows)
 
 
-def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the data sets of numbers, or of records with some, with their paths; each object once."""
+def _find_datasets(file: Any, rows: list[str]) -> Iterator[tuple[str, Any]]:
+    """Yield the data sets of numbers, or of records with some, with their paths; each object once.
+
+    Names of arrays of many structures, which may be rows, go to `rows`.
+    """
     import h5py
 
-    waiting: list[tuple[str, int, Any]] = [("", 0, file)]
+    # Containers, with what stands before and behind their members' names.
+    waiting: list[tuple[str, str, int, Any]] = [("", "", 0, file)]
     addresses: set[int] = set()
+    n_members = 0
     while waiting:
-        prefix, depth, container = waiting.pop()
+        before, behind, depth, container = waiting.pop()
         is_group = isinstance(container, h5py.Group)
-        for name, kind, address, open_member in (_list_members if is_group else _list_cells)(prefix, container):
-            # Groups may hold each other by hard links, in a circle: addresses tell what was visited.
-            if address in addresses:
-                continue
-            addresses.add(address)
-            if len(addresses) > MOST_OBJECTS or depth > DEEPEST:
+        members = _list_members(before, container) if is_group else _list_cells(before, behind, container)
+        datasets: list[tuple[str, Any]] = []
+        for name, kind, address, open_member in members:
+            n_members += 1
+            if n_members > MOST_OBJECTS or depth > DEEPEST:
                 raise RecordingError(
                     f"The file has more than {MOST_OBJECTS} groups and data sets, or groups more than {DEEPEST} "
                     "levels deep; export only the signals of the joints.",
                     title=TITLE,
                 )
+            # Groups may hold each other by hard links, in a circle: addresses tell what was visited.
+            if address in addresses:
+                continue
+            addresses.add(address)
             if kind == h5py.h5o.TYPE_GROUP:
-                waiting.append((f"{name}/", depth + 1, open_member()))
-            elif kind == h5py.h5o.TYPE_DATASET and _has_references(item := open_member()):
-                waiting.append((name, depth + 1, item))
-            elif kind == h5py.h5o.TYPE_DATASET and (_has_numbers(item) or _has_words(item)):
+                waiting.append((f"{name}/", "", depth + 1, open_member()))
+            elif kind == h5py.h5o.TYPE_DATASET:
+                datasets.append((name, open_member()))
+        shapes = [item.shape for _, item in datasets if h5py.check_ref_dtype(item.dtype) is h5py.Reference]
+        # The fields of an array of structures are as many lists of cells, all of one shape.
+        is_array = is_group and before != "" and len(shapes) == len(datasets) > 1 and len(set(shapes)) == 1
+        if is_array and math.prod(shapes[0] or ()) >= FEWEST_ROWS:
+            rows.append(before.removesuffix("/"))
+        for name, item in datasets:
+            if _has_references(item):
+                field = f"/{name.removeprefix(before)}" if is_array else ""
+                waiting.append((before.removesuffix("/") if is_array else name, field, depth + 1, item))
+            elif _has_numbers(item) or _has_words(item):
                 yield name, item
 
 
@@ -266,20 +291,16 @@ def _list_members(prefix: str, group: Any) -> Iterator[_Member]:
             yield name, *_kind_and_address(group, key), partial(group.__getitem__, key)
 
 
-def _list_cells(name: str, item: Any) -> Iterator[_Member]:
+def _list_cells(before: str, behind: str, item: Any) -> Iterator[_Member]:
     """Yield what the cells of MATLAB's arrays refer to, called as in its older files: runs{2}.q is runs2/q."""
     import h5py
 
-    # The fields of an array of structures are as many lists of cells, all of one shape.
-    group, _, field = name.rpartition("/")
-    fields = [other for other in item.parent.values() if isinstance(other, h5py.Dataset)] if group else []
-    is_field = len(fields) > 1 and all(_has_references(other) and other.shape == item.shape for other in fields)
     for number, reference in enumerate(np.ravel(item[()]), start=1):
         if not reference:
             continue
         target = h5py.h5o.get_info(h5py.h5r.dereference(reference, item.id))
-        cell = f"{group}{number}/{field}" if is_field else f"{name}{number}"
-        yield cell, target.type, target.addr, partial(item.file.__getitem__, reference)
+        name = f"{count_name(before, number)}{behind}"
+        yield name, target.type, target.addr, partial(item.file.__getitem__, reference)
 
 
 def _kind_and_address(group: Any, key: str) -> tuple[int, int]:
@@ -321,11 +342,20 @@ def _has_references(item: Any) -> bool:
 
 
 def _has_numbers(item: Any) -> bool:
-    if item.shape is None:  # an empty data space
+    if item.shape is None or "MATLAB_empty" in item.attrs or _is_matlab_text(item):  # nothing, or its size alone
         return False
     if item.dtype.names:
         return item.ndim == 1 and any(item.dtype[field].base.kind in _NUMBERS for field in item.dtype.names)
     return item.dtype.kind in _NUMBERS
+
+
+def _is_matlab_text(item: Any) -> bool:
+    """Return whether whole numbers are the letters of a text of MATLAB."""
+    if item.dtype.kind != "u" or "MATLAB_class" not in item.attrs:
+        return False
+    attribute = item.attrs.get_id("MATLAB_class")
+    is_short = attribute.dtype.kind == "S" and attribute.dtype.itemsize <= _LONGEST_WORD and attribute.shape == ()
+    return is_short and item.attrs["MATLAB_class"] == b"char"
 
 
 def _list_arrays(name: str, item: Any) -> list[StoredArray]:

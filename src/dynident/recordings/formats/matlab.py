@@ -16,7 +16,14 @@ from typing import IO
 import numpy as np
 
 from dynident.recordings.file_size_limits import DEEPEST, TITLE, check_columns, check_unpacked
-from dynident.recordings.formats.array_files import ArrayFileSource, ArrayPlace, StoredArray, UnpackedParts
+from dynident.recordings.formats.array_files import (
+    FEWEST_ROWS,
+    ArrayFileSource,
+    ArrayPlace,
+    StoredArray,
+    UnpackedParts,
+    count_name,
+)
 from dynident.recordings.recording_metadata import RecordingError
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -66,15 +73,7 @@ def open_matlab(path: Path) -> ArrayFileSource:
     """
     try:
         rows: list[str] = []
-        arrays = list(_read_arrays(path.open("rb"), rows))
-        if rows and not arrays:
-            raise RecordingError(
-                f"{rows[0]} is an array of structures, one for each row: save a matrix for each of its fields instead, "
-                f"as q = vertcat({rows[0]}.q).",
-                pointer=rows[0],
-                title=TITLE,
-            )
-        return ArrayFileSource(arrays)
+        return ArrayFileSource(list(_read_arrays(path.open("rb"), rows)), rows=rows)
     except RecordingError:
         raise
     except (ValueError, OSError, zlib.error) as error:
@@ -82,7 +81,7 @@ def open_matlab(path: Path) -> ArrayFileSource:
 
 
 def _read_arrays(file: IO[bytes], rows: list[str]) -> Iterator[StoredArray]:
-    """Yield the arrays of numbers; names of structures that are rows, which are not read, go to `rows`."""
+    """Yield the arrays of numbers; names of arrays of many structures, which may be rows, go to `rows`."""
     size = file.seek(0, 2)
     file.seek(_HEADER - 2)
     order = {b"IM": "<", b"MI": ">"}.get(file.read(2))
@@ -187,10 +186,11 @@ class _MatrixReader:
             return  # what MATLAB keeps for objects beside the variables
         if kind in _NUMERIC and not flag & _COMPLEX:
             yield from self._read_array(name, shape, self.read_element(own_name.following))
-        elif kind == _STRUCTURE and math.prod(shape) > _MOST_CELLS:
-            self._rows.append(name)
         elif kind == _STRUCTURE and math.prod(shape) > 0:
-            yield from self._read_fields(name, own_name.following, math.prod(shape), depth + 1)
+            if math.prod(shape) >= FEWEST_ROWS:
+                self._rows.append(name)
+            if math.prod(shape) <= _MOST_CELLS:
+                yield from self._read_fields(name, own_name.following, math.prod(shape), depth + 1)
         elif kind == _CELLS:
             yield from self._read_cells(name, own_name.following, math.prod(shape), element.start + element.size, depth)
 
@@ -212,7 +212,7 @@ class _MatrixReader:
             if at >= end:
                 raise ValueError(f"{name} ends before its cell {number}")
             cell = self.read_element(at)
-            yield from self.read_matrix(cell, f"{name}{number}", depth + 1)
+            yield from self.read_matrix(cell, count_name(name, number), depth + 1)
             at = cell.following
 
     def _read_fields(self, name: str, at: int, count: int, depth: int) -> Iterator[StoredArray]:
@@ -232,7 +232,7 @@ class _MatrixReader:
             for field in fields:
                 elements[field] = self.read_element(at)
                 at = elements[field].following
-            whole = name if count == 1 else f"{name}{number}"
+            whole = name if count == 1 else count_name(name, number)
             label = next(filter(None, (self._read_text(elements[field]) for field in fields if field in _LABELS)), "")
             for field, element in elements.items():
                 own = f"{whole}.{field}"
