@@ -676,6 +676,7 @@ def test_lists_of_structures_within_structures_are_columns(tmp_path: Path, is_ne
         lambda: find_labels(["A" * 20_000] * 12),
         lambda: find_labels(["a: " + " " * 20_000 + "b"] * 12),
         lambda: name_labelled_numbers("1" * 20_000 + "a"),
+        lambda: find_labels(["q: " + "0.1 " * 10_000 + " ".join(f"a{k}=1" for k in range(2000))] * 2),
         lambda: has_minus_elsewhere("1" * 20_000 + "a"),
         lambda: find_quantities({"q1": ["1" * 20_000 + "!"]}),
     ],

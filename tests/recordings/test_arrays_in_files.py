@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tracemalloc
 from contextlib import suppress
 from pathlib import Path
@@ -15,7 +16,7 @@ from scipy.io import savemat
 
 from dynident.identification.column_inference.file_inspection import read_sample
 from dynident.recordings import RecordingError, file_size_limits
-from dynident.recordings.formats import array_files, open_source
+from dynident.recordings.formats import array_files, hdf5, open_source
 from dynident.recordings.formats.open_any_format import format_of
 
 scipy_io = pytest.importorskip("scipy.io")
@@ -310,3 +311,112 @@ def test_an_array_of_structures_that_are_rows_says_how_to_save_it(tmp_path):
         open_source(tmp_path / "rows.mat", None)
     savemat(tmp_path / "rows.mat", {"log": rows, "q": np.zeros((200, 3))})
     assert list(open_source(tmp_path / "rows.mat", None).names) == ["q1", "q2", "q3"]
+
+
+def write_lists(path: Path, n: int, link: h5py.ExternalLink | None = None) -> None:
+    """Write a list of n lists of two arrays each, as cells of cells, and a link among what they refer to."""
+    with h5py.File(path, "w") as file:
+        stored, whole = file.create_group("#refs#"), []
+        for k in range(n):
+            vectors = [stored.create_dataset(f"v{k}_{place}", data=np.full(40, k + place / 10)) for place in range(2)]
+            whole.append(stored.create_dataset(f"l{k}", data=[one.ref for one in vectors], dtype=h5py.ref_dtype))
+        file.create_dataset("logs/c", data=[one.ref for one in whole], dtype=h5py.ref_dtype)
+        if link is not None:
+            stored["elsewhere"] = link
+
+
+def test_cells_open_no_other_file(tmp_path):
+    # To open the link would be an error here, and might never end elsewhere.
+    write_lists(tmp_path / "links.h5", 3, h5py.ExternalLink(str(tmp_path / "missing.h5"), "/q"))
+    assert len(open_source(tmp_path / "links.h5", None).names) == 6
+
+
+def test_cells_within_many_cells_are_read_in_a_time_that_grows_with_their_number(tmp_path):
+    write_lists(tmp_path / "many.h5", 400)
+    begin = time.process_time()
+    assert len(open_source(tmp_path / "many.h5", None).names) == 800
+    assert time.process_time() - begin < 6.0
+
+
+def test_references_to_one_object_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(hdf5, "MOST_OBJECTS", 50)
+    for n in (40, 60):
+        with h5py.File(tmp_path / "same.h5", "w") as file:
+            file["q"] = np.zeros((20, 3))
+            file.create_dataset("c", data=[file["q"].ref] * n, dtype=h5py.ref_dtype)
+        if n < 50:
+            assert len(open_source(tmp_path / "same.h5", None).names) == 3
+    with pytest.raises(RecordingError, match="more than 50 groups"):
+        open_source(tmp_path / "same.h5", None)
+
+
+@pytest.mark.parametrize("version", [5, 7.3])
+def test_arrays_whose_names_would_be_the_same_are_all_read(tmp_path, version):
+    columns = {"q1": 100.0}
+    cells = {"q": [1.0, 2.0, 3.0], "c": [[float(10 * k + place) for place in range(11)] for k in range(11)]}
+    path = tmp_path / "names.mat"
+
+    def to_cells(values):
+        whole = np.empty((1, len(values)), dtype=object)
+        for k, one in enumerate(values):
+            whole[0, k] = to_cells(one) if isinstance(one, list) else np.full((20, 1), one)
+        return whole
+
+    def refer_to(file, values):
+        stored = [refer_to(file, one) if isinstance(one, list) else np.full((1, 20), one) for one in values]
+        names = [f"#refs#/{len(file.get('#refs#', ())) + k}" for k in range(len(stored))]
+        for name, one in zip(names, stored, strict=True):
+            file.create_dataset(name, data=one, dtype=h5py.ref_dtype if one.dtype == object else None)
+        return np.array([[file[name].ref] for name in names], dtype=h5py.ref_dtype)
+
+    if version == 5:
+        savemat(path, {name: to_cells(values) for name, values in cells.items()} | {"q1": np.full((20, 1), 100.0)})
+    else:
+        with h5py.File(path, "w") as file:
+            file["q1"] = np.full((1, 20), 100.0)
+            for name, values in cells.items():
+                file.create_dataset(name, data=refer_to(file, values), dtype=h5py.ref_dtype)
+    columns = columns_of(path)
+    expected = sorted([100.0, *cells["q"], *(value for row in cells["c"] for value in row)])
+    assert sorted(float(values[0]) for values in columns.values()) == expected
+    assert (columns["c1_11"][0], columns["c11_1"][0]) == (10.0, 100.0)
+
+
+def test_columns_of_an_array_beside_vectors_with_their_names_are_all_read(tmp_path):
+    np.savez(tmp_path / "both.npz", q=np.arange(60.0).reshape(20, 3), q1=np.full(20, 100.0))
+    columns = columns_of(tmp_path / "both.npz")
+    assert list(columns) == ["q_1", "q_2", "q_3", "q1"]
+    assert columns["q1"][0] == 100.0
+
+
+def test_texts_and_empty_arrays_of_matlab_are_no_columns(tmp_path):
+    with h5py.File(tmp_path / "texts.mat", "w") as file:
+        file["q"] = np.zeros((3, 40))
+        texts = [file.create_dataset(f"#refs#/t{k}", data=np.full((40, 1), 97, dtype="u2")) for k in range(5)]
+        for text in texts:
+            text.attrs["MATLAB_class"] = np.bytes_("char")
+        file.create_dataset("notes", data=[text.ref for text in texts], dtype=h5py.ref_dtype)
+        file["nothing"] = np.zeros(40, dtype="u8")
+        file["nothing"].attrs["MATLAB_empty"] = np.uint8(1)
+        file["counts"] = np.zeros((1, 40), dtype="u2")
+        file["counts"].attrs["MATLAB_class"] = np.bytes_("uint16")
+    assert sorted(open_source(tmp_path / "texts.mat", None).names) == ["counts", "q1", "q2", "q3"]
+
+
+@pytest.mark.parametrize("n", [20, 100, 1500])
+@pytest.mark.parametrize("version", [5, 7.3])
+def test_structures_that_are_rows_are_named_beside_settings_too(tmp_path, version, n):
+    path = tmp_path / "rows.mat"
+    if version == 5:
+        rows = np.zeros((n, 1), dtype=[("q", object), ("tau", object)])
+        for k in range(n):
+            rows[k, 0] = (np.full((1, 3), 0.1 * k), np.zeros((1, 3)))
+        savemat(path, {"log": rows, "dt": 0.01})
+    else:
+        with h5py.File(path, "w") as file:
+            file["dt"] = np.full((1, 1), 0.01)
+            for name in ("q", "tau"):
+                targets = [file.create_dataset(f"#refs#/{name}{k}", data=np.zeros((3, 1))).ref for k in range(n)]
+                file.create_dataset(f"log/{name}", data=targets, dtype=h5py.ref_dtype)
+    with pytest.raises(RecordingError, match=r"array of structures, one for each row: .* q = vertcat\(log\.q\)"):
+        open_source(path, None)

@@ -26,7 +26,7 @@ from dynident.identification.column_inference.file_inspection import inspect_fil
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
 from dynident.recordings.formats import csv_and_parquet, json_records, open_source
-from dynident.recordings.formats.text_streams import TextContent
+from dynident.recordings.formats.text_streams import TextContent, find_stated_rate
 from dynident.robot import robot_from_urdf
 from dynident.robot.description_and_json import set_base
 
@@ -551,3 +551,34 @@ def test_tuples_within_tuples_are_columns(tmp_path):
     ]
     path = written(tmp_path / "states.txt", "".join(f"{state!r}\n" for state in states))
     check_signals(read_as_proposed(path, machine(case[0]), case[1]), run, "states")
+
+
+@pytest.mark.parametrize(
+    ("line", "rate"),
+    [
+        ("delta_x\t0.01\t0.01", 100.0),
+        ("Delta_X: 0.002", 500.0),
+        ("wf_increment,0.001,0.001", 1000.0),
+        ("wf_increment;0,001;0,001", 1000.0),
+        ("delta_x 0.5 ms", 2000.0),
+        ("delta_x 0.5 mm", None),
+        ("wf_increment 0.001 0.01", None),
+        ("wf_increment\t0.001\t0.001\tabout", None),
+    ],
+)
+def test_a_step_of_time_without_a_unit_is_that_of_all_channels(line, rate):
+    assert find_stated_rate(f"{line}\n1,2\n".encode(), 1) == (None if rate is None else pytest.approx(rate))
+
+
+@pytest.mark.parametrize("word", ["init", "nan", "hold"])
+def test_rows_that_begin_with_words_are_rows(tmp_path, word):
+    rows = [*[f"{word},0,{k}" for k in range(5)], *[f"{k},{0.1 * k},{0.2 * k}" for k in range(100)]]
+    source = open_source(written(tmp_path / "modes.csv", "\n".join(["mode,q1,tau1", *rows, ""])), None)
+    assert sum(map(len, source.blocks())) == 105
+
+
+def test_lines_of_properties_below_the_names_are_told(tmp_path):
+    rows = ["channel,q1,tau1", "length,100,100", "unit,rad,Nm", *[f"{k},{0.1 * k},{0.2 * k}" for k in range(100)]]
+    source = open_source(written(tmp_path / "waveforms.csv", "\n".join([*rows, ""])), None)
+    assert sum(map(len, source.blocks())) == 100
+    assert any(remark.startswith("2 lines below the names") for remark in source.remarks)

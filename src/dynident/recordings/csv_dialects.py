@@ -70,6 +70,7 @@ class _Header:
     lines: int
     units: dict[str, str] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
 def detect_dialect(start: bytes) -> Dialect:
@@ -146,7 +147,7 @@ def detect_dialect(start: bytes) -> Dialect:
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
         clocks=header.clocks,
-        remarks=remarks,
+        remarks=(*header.remarks, *remarks),
     )
 
 
@@ -279,7 +280,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     # A comma inside a cell can only be a decimal one if something else separates the cells.
     grouped = any(map(_ENGLISH.match, fields))
     comma = delimiter != "," and not grouped and any("," in cell and _NUMBER.match(cell) for cell in fields)
-    return delimiter, comma, _Header(names, rows, units)
+    remarks = (f"{properties} lines below the names say what the columns have, and are no rows.",) if properties else ()
+    return delimiter, comma, _Header(names, rows, units, remarks=remarks)
 
 
 def _join_merged_heads(names: tuple[str, ...], above: Sequence[str]) -> tuple[str, ...]:
@@ -483,12 +485,14 @@ def _list_units(cells: Sequence[str], names: Sequence[str]) -> dict[str, str]:
 
 
 def _count_properties(lines: Sequence[str], first: int, delimiter: str) -> int:
-    """Return how many lines below the names say what their columns have: a word stands before them, and before no row.
-
-    LabVIEW writes so the length, the unit and the step of time of each channel.
-    """
-    begins = [_split_fields(line, delimiter)[0] for line in lines[first:]]
+    """Return how many lines below the names, of words before values, say what the columns have, as LabVIEW's do."""
+    begins = [_split_fields(line, delimiter)[0].casefold() for line in lines[first:]]
     is_word = [begin[:1].isalpha() and not _is_number(begin) for begin in begins]
     n_words = sum(itertools.takewhile(bool, is_word))
     has_rows = len(begins) > 2 * n_words and not any(is_word[n_words:])
-    return n_words if n_words > 1 and has_rows else 0
+    are_properties = any(_PROPERTIES.intersection(re.split("[^a-z]+", begin)) for begin in begins[:n_words])
+    return n_words if n_words > 1 and has_rows and are_properties else 0
+
+
+_PROPERTIES = frozenset({"unit", "units", "length", "samples", "increment"})
+"""Words of which one at least stands before such lines."""

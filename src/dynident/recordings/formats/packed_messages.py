@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, replace
 from functools import partial
@@ -339,19 +340,21 @@ def _write_seconds(text: str, label: re.Pattern[str]) -> str:
 def name_labelled_numbers(line: str, label: re.Pattern[str] = _LABELLED) -> tuple[str, ...]:
     """Return names for the numbers of a line in which words stand before them, `q: 0.1 0.2 tau=3`: q1, q2, tau."""
     line = _write_seconds(line, label)
-    labels = [(match.end(), match["label"]) for match in label.finditer(line)]
-    # Indices within labels are no numbers of their own.
-    taken = [match.span() for match in label.finditer(line)]
-    own: list[str] = []
+    words: list[str] = []
+    label_end, word = 0, "column"
+    labels = label.finditer(line)
+    following = next(labels, None)
+    # Labels and numbers come in the order of the line: each of both is passed once.
     for number in _FREE_NUMBER.finditer(line):
-        if any(begin <= number.start() < end for begin, end in taken):
-            continue
-        before = [word for end, word in labels if end <= number.start()]
-        own.append(before[-1] if before else "column")
-    counts = {word: own.count(word) for word in own}
-    seen = dict.fromkeys(own, 0)
+        while following is not None and following.start() <= number.start():
+            label_end, word = following.end(), following["label"]
+            following = next(labels, None)
+        # Indices within labels are no numbers of their own.
+        if number.start() >= label_end:
+            words.append(word)
+    counts, seen = Counter(words), Counter[str]()
     names = []
-    for word in own:
+    for word in words:
         seen[word] += 1
         joint = "_" if word[-1].isdigit() else ""
         names.append(word if counts[word] == 1 and word != "column" else f"{word}{joint}{seen[word]}")

@@ -341,10 +341,11 @@ _RATE = re.compile(
 )
 _PERIOD = re.compile(
     r"\b(?:(?:sampl\w*|cycle)[ _-]?(?:time|period|interval)|time[ _-]?step|abtastzeit|(?-i:dt|Ts)"
-    r"|(wf_increment|delta_x))"
-    rf"\b\W{{0,4}}{_NO_THOUSANDS}(\d+(?:\.\d+)?(?:e-?\d+)?)(?:\s*(s|ms|us|µs)\b|(?(1)|(?!)))",
+    rf"|wf_increment|delta_x)\b\W{{0,4}}{_NO_THOUSANDS}(\d+(?:\.\d+)?(?:e-?\d+)?)\s*(s|ms|us|µs)\b",
     re.IGNORECASE,
 )
+_INCREMENTS = ("wf_increment", "delta_x")
+"""Before the steps of time of channels, in s without a unit, as LabVIEW writes them."""
 _UNITS_OF_RATES = {"hz": 1.0, "khz": 1e3, "s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6}
 _SLOWEST, _FASTEST, _LONGEST_REMARK = 1.0, 1e5, 300
 
@@ -355,12 +356,22 @@ def find_stated_rate(start: bytes, n_lines: int) -> float | None:
     for line in start.decode("utf-8-sig", errors="replace").splitlines()[:n_lines]:
         said = line[:_LONGEST_REMARK].replace(",", ".")
         rates |= {float(rate[1]) * _UNITS_OF_RATES[rate[2].casefold()] for rate in _RATE.finditer(said)}
-        # LabVIEW's increments are in s.
-        periods = (
-            (float(period[2]), _UNITS_OF_RATES[(period[3] or "s").casefold()]) for period in _PERIOD.finditer(said)
-        )
+        periods = ((float(period[1]), _UNITS_OF_RATES[period[2].casefold()]) for period in _PERIOD.finditer(said))
         rates |= {per_second / length for length, per_second in periods if length > 0.0}
+        rates |= {1.0 / step for step in _read_increments(line) if step > 0.0}
     return rates.pop() if len(rates) == 1 and all(_SLOWEST <= rate <= _FASTEST for rate in rates) else None
+
+
+def _read_increments(line: str) -> list[float]:
+    """Return the steps of time of all channels, where a line has nothing else."""
+    line = line.strip(" \t;,#%").replace('"', "")
+    name, *cells = re.split(r"[\t;:= ]+" if re.search(r"[\t;:= ]", line) else ",", line)
+    if name.casefold() not in _INCREMENTS:
+        return []
+    try:
+        return [float(cell.replace(",", ".")) for cell in cells]
+    except ValueError:
+        return []
 
 
 def squeeze_spaces(text: str) -> str:
