@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 import tracemalloc
 from contextlib import suppress
@@ -326,9 +329,16 @@ def write_lists(path: Path, n: int, link: h5py.ExternalLink | None = None) -> No
 
 
 def test_cells_open_no_other_file(tmp_path):
-    # To open the link would be an error here, and might never end elsewhere.
-    write_lists(tmp_path / "links.h5", 3, h5py.ExternalLink(str(tmp_path / "missing.h5"), "/q"))
-    assert len(open_source(tmp_path / "links.h5", None).names) == 6
+    # Whoever opens a pipe that nobody writes into waits for ever.
+    os.mkfifo(tmp_path / "pipe.h5")
+    write_lists(tmp_path / "links.h5", 3, h5py.ExternalLink(str(tmp_path / "pipe.h5"), "/q"))
+    script = f"""
+from pathlib import Path
+from dynident.recordings.formats import open_source
+print(len(open_source(Path({str(tmp_path / "links.h5")!r}), None).names))
+"""
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert (answer.stdout, answer.stderr) == ("6\n", "")
 
 
 def test_cells_within_many_cells_are_read_in_a_time_that_grows_with_their_number(tmp_path):
