@@ -362,7 +362,6 @@ def test_references_to_one_object_are_counted(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("version", [5, 7.3])
 def test_arrays_whose_names_would_be_the_same_are_all_read(tmp_path, version):
-    columns = {"q1": 100.0}
     cells = {"q": [1.0, 2.0, 3.0], "c": [[float(10 * k + place) for place in range(11)] for k in range(11)]}
     path = tmp_path / "names.mat"
 
@@ -387,7 +386,7 @@ def test_arrays_whose_names_would_be_the_same_are_all_read(tmp_path, version):
             for name, values in cells.items():
                 file.create_dataset(name, data=refer_to(file, values), dtype=h5py.ref_dtype)
     columns = columns_of(path)
-    expected = sorted([100.0, *cells["q"], *(value for row in cells["c"] for value in row)])
+    expected = sorted([100.0, 1.0, 2.0, 3.0, *(float(10 * k + place) for k in range(11) for place in range(11))])
     assert sorted(float(values[0]) for values in columns.values()) == expected
     assert (columns["c1_11"][0], columns["c11_1"][0]) == (10.0, 100.0)
 

@@ -355,7 +355,7 @@ def _is_matlab_text(item: Any) -> bool:
         return False
     attribute = item.attrs.get_id("MATLAB_class")
     is_short = attribute.dtype.kind == "S" and attribute.dtype.itemsize <= _LONGEST_WORD and attribute.shape == ()
-    return is_short and item.attrs["MATLAB_class"] == b"char"
+    return is_short and bool(item.attrs["MATLAB_class"] == b"char")
 
 
 def _list_arrays(name: str, item: Any) -> list[StoredArray]:
