@@ -373,7 +373,8 @@ def find_labels(lines: list[str]) -> re.Pattern[str] | None:
         names = [name_labelled_numbers(row, label) for row in rows if len(words) > 1]
         usual = names[-1] if names else ()
         # Without a sign they may be so as well: what has lists behind several words is no table.
-        has_lists = sum(f"{word}2" in usual or f"{word}_2" in usual for word in words) > 1
+        known = set(usual)
+        has_lists = sum(f"{word}2" in known or f"{word}_2" in known for word in words) > 1
         if len(usual) > 2 and (label is _LABELLED or has_lists) and names.count(usual) >= 0.8 * len(names):
             return label
     return None
