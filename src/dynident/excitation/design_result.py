@@ -247,13 +247,20 @@ def follows_design(recording: Recording, design: Design) -> bool:
     distances, _ = tree.query(q[:: max(1, len(q) // _PLANNED_SAMPLES)] / travel, p=np.inf)
     if np.mean(distances <= _NEAR) < _ON_PATH:
         return False
+    # Differences smooth fast motions: the planned speeds are differences over the same time.
+    time = span * recording.period
+    inner = design.t[(design.t >= design.t[0] + time) & (design.t <= design.t[-1] - time)]
+    path = scipy.interpolate.CubicHermiteSpline(design.t, design.q, design.dq)
+    planned_dq = (path(inner + time) - path(inner - time)) / (2 * time)
+    if not len(inner):
+        return False
     # Of the samples that move alone: a recording may begin long before the motion.
-    slowest = _MOVES * np.abs(design.dq).max(axis=0)
+    slowest = _MOVES * np.abs(planned_dq).max(axis=0)
     moved = travel > _STANDS
     if not moved.any():
         return True
     # Slower is slower on all joints; a single one may shake.
-    speeds = _compute_moving_rms(dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
+    speeds = _compute_moving_rms(dq, slowest) / _compute_moving_rms(planned_dq, slowest).clip(_STANDS)
     is_wide = np.ptp(positions, axis=0) >= _LEAST_PART * travel
     return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
 
