@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -268,17 +267,15 @@ def test_the_torque_behind_a_brake_is_named_without_the_coordinates_of_the_base(
     tau[:500, 6], q[500:, 6] = 5.0 + np.sin(t[:500]), q[500, 6]
     tau[500:, 7] = 5.0 + np.sin(t[500:])
     every, columns = np.ones(1000, dtype=bool), tuple(Column(f"c{joint}") for joint in range(8))
-    sample, layout = (
-        RawSample(np.arange(1000), t, q, tau, None, every, every),
-        Layout(Column("t"), None, columns, columns),
-    )
-    remedies = torque_checks._find_brake(6, tau[:, 6] == 0.0, sample, replace(layout, n_base=6))
+    sample = RawSample(np.arange(1000), t, q, tau, None, every, every)
+    layout = Layout(Column("t"), None, columns, columns, n_base=6)
+    remedies = torque_checks._find_brake(6, tau[:, 6] == 0.0, sample, layout)
     assert remedies == (Remedy("windows", ((0.0, 4.99),)), Remedy("columns", {"tau2": "none"}))
     # Rows that are not in the sample split no interval.
     some = t < 10.0
     some[100:300] = False
-    part = RawSample(*(values[some] for values in (np.arange(1000), t, q, tau)), None, every[some], every[some])
-    assert torque_checks._find_brake(6, tau[some, 6] == 0.0, part, replace(layout, n_base=6)) == remedies
+    part = RawSample(sample.row[some], t[some], q[some], tau[some], None, every[some], every[some])
+    assert torque_checks._find_brake(6, tau[some, 6] == 0.0, part, layout) == remedies
 
 
 @pytest.mark.parametrize("digits", [0.02, 0.005])
