@@ -106,10 +106,6 @@ class Layout:
         """Whether each torque is a column of the file, times a factor, and not made of several columns."""
         return self.mixing is None and self.servo_gains is None
 
-    def name_torque(self, joint: int) -> str:
-        """Return our name of the torque column of a joint; coordinates of the base have none."""
-        return f"tau{joint + 1 - self.n_base}"
-
     def make_torques(self, values: FloatArray) -> None:
         """Make torques of the joints of the columns of tau, in place, where these are something else.
 

@@ -171,8 +171,13 @@ def _find_brake(joint: int, flat: BoolArray, sample: RawSample, layout: Layout) 
         return ()
     inside = is_inside_windows(t, windows)
     off = [other for other in range(layout.n_base, tau.shape[1]) if not tau[inside, other].any()]
-    columns = Remedy("columns", {layout.name_torque(other): NOT_RECORDED for other in off})
+    columns = Remedy("columns", {_name_torque(layout, other): NOT_RECORDED for other in off})
     return (Remedy("windows", windows), *((columns,) if off else ()))
+
+
+def _name_torque(layout: Layout, joint: int) -> str:
+    """Return our name of the torque column of a joint; coordinates of the base have none."""
+    return f"tau{joint + 1 - layout.n_base}"
 
 
 def _describe_brake(remedies: tuple[Remedy, ...]) -> str:
@@ -258,7 +263,7 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
     cure, remedies = None, tuple[Remedy, ...]()
     if len(constant) < np.count_nonzero(recording.has_torque):
         names = " and ".join(recording.joint_names[k] for k in constant)
-        cure = Revision(columns={layout.name_torque(int(k)): NOT_RECORDED for k in constant})
+        cure = Revision(columns={_name_torque(layout, int(k)): NOT_RECORDED for k in constant})
         remedies = (Remedy("columns", cure.columns),)
         detail += f" To leave out the equation of {names} but use the motion, say {remedies[0]}."
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure, remedies=remedies)
