@@ -166,8 +166,8 @@ def judged(case: Case, two: bool) -> Outcome | None:
     robot = robot_from_library(case.arm)
     choices = IdentificationChoices(tuple(EffectChoice(name) for name in _model(case)))
     first = measured(robot, case, first_motion(robot, case), 1, "first")
-    names = _names(case) if two else None
-    found = advise(examine(identify(robot, [first], [], choices), [first], DiagnosisChoices(tuple(names))))
+    tried = DiagnosisChoices(tuple(_names(case)) if two else None)
+    found = advise(examine(identify(robot, [first], [], choices), [first], tried))
     if _decided(found, case):
         return None
     if not _between(found, case):
@@ -180,7 +180,7 @@ def judged(case: Case, two: bool) -> Outcome | None:
     design = design_experiment(robot, advice.design, earlier=[first])
     second = measured(robot, case, Reference(design.t, design.q, design.dq, design.ddq), 2, "proposed")
     runs = [first, second]
-    again = advise(examine(identify(robot, runs, [], choices), runs, DiagnosisChoices(tuple(names))))
+    again = advise(examine(identify(robot, runs, [], choices), runs, tried))
     recommended = [one.effect for one in again.recommended]
     return Outcome(
         case,
@@ -244,13 +244,15 @@ def _kept(
     if promised is None:
         return None, None, None
     expected = next(one for one in design.expected if one.name == promised.parameter).standard_deviation
-    found = [identify(robot, runs, [], choices)]
-    with patch("dynident.identification.identified_models.fit_model.linearise_shapes", lambda *_, **__: None):
-        found.append(identify(robot, runs, [], choices))
-    told = [
-        next((one.standard_deviation for one in grown.parameters if one.name == promised.parameter), None)
-        for grown in found
-    ]
+
+    def identified() -> float | None:
+        # Deviations are computed when they are looked at.
+        parameters = identify(robot, runs, [], choices).parameters
+        return next((one.standard_deviation for one in parameters if one.name == promised.parameter), None)
+
+    told = [identified()]
+    with patch("dynident.identification.estimation_problem.linearise_shapes", lambda *_, **__: None):
+        told.append(identified())
     by_design, *reached = (None if one is None else one / promised.standard_deviation for one in (expected, *told))
     return by_design, reached[0], reached[1]
 

@@ -53,6 +53,30 @@ def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy
     return text
 
 
+_OTHER_ARGUMENTS = {
+    "drives": "drive_gains",
+    "meshes": "surroundings=dy.Surroundings(mesh_folders=[…])",
+    "assume_floor": "surroundings=dy.Surroundings(assume_floor=False)",
+    "contacts": "set_base(robot, contacts=[…])",
+    "identification_id": "design(model, …)",
+}
+"""Arguments that are called otherwise than the field of a remedy."""
+
+
+def write_argument(remedy: Remedy) -> str:
+    """Return a remedy as an argument of this package's functions; other front ends write it in their own syntax."""
+    text = str(remedy).partition(": ")[2]
+    if isinstance(remedy.value, tuple):
+        text = f"({text[1:-1]},)" if len(remedy.value) == 1 else f"({text[1:-1]})"
+    if remedy.field in ("columns", "units", "windows"):
+        return f"{remedy.field}={text}"
+    if remedy.field in ("locked_joints", "gravity"):
+        return f"load_robot(…, {remedy.field}={text})"
+    if remedy.field in _OTHER_ARGUMENTS:
+        return _OTHER_ARGUMENTS[remedy.field]
+    return f"metadata=dy.RecordingMetadata({remedy.field}={text})"
+
+
 class Note(str):
     """A sentence for the user, with the remedies that it quotes.
 
@@ -89,6 +113,18 @@ def word_notes(notes: Iterable[str], write: Callable[[Remedy], str]) -> list[str
     return [word_remedies(note, note.remedies, write) if isinstance(note, Note) else note for note in notes]
 
 
+def join_notes(notes: Iterable[str]) -> Note:
+    """Return notes or plain texts as one, which quotes the remedies of all.
+
+    Parameters
+    ----------
+    notes : iterable of str or Note
+        The sentences.
+    """
+    parts = list(notes)
+    return Note(" ".join(parts), tuple(remedy for part in parts for remedy in getattr(part, "remedies", ())))
+
+
 def _write_json(value: object) -> str:
     # Not by the module json, which knows neither a value to be filled in nor short numbers.
     if isinstance(value, Mapping):
@@ -99,7 +135,18 @@ def _write_json(value: object) -> str:
         return f'"{value}"'
     if isinstance(value, bool):
         return str(value).lower()
-    return "…" if value is ... else f"{value:g}" if isinstance(value, float) else str(value)
+    return "…" if value is ... else write_number(value) if isinstance(value, float) else str(value)
+
+
+def write_number(value: float) -> str:
+    """Return the value of a remedy with six digits, and with more where it is large: a time since 1970, to the ms.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    """
+    return f"{value:.{6 if abs(value) < 1e5 else 13}g}"
 
 
 def suggest_names(name: str, known: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from dynident.effects import get_effect
-from dynident.errors import word_remedies
+from dynident.errors import word_notes, word_remedies
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import (
     EssentialPath,
@@ -242,7 +242,8 @@ def show_verdict(console: Console, verdict: ModelVerdict) -> None:
             alike.setdefault((use.reason, use.next_step), []).append(use)
         for use, *others in alike.values():
             words = ", ".join([use.words, *(other.words for other in others)])
-            console.print(f"{use.mark} {words}: {use.reason}", style=_STYLES[use.state])
+            (reason,) = word_notes([use.reason], write_option)
+            console.print(f"{use.mark} {words}: {reason}", style=_STYLES[use.state])
             command = COMMANDS_OF_NEXT_STEPS.get(use.next_action, "")
             step = f"{use.next_step.removesuffix('.')}: {command}" if command else use.next_step
             console.print(f"    → {step}", soft_wrap=True)

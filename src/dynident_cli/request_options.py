@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 
 import typer
 
-from dynident.errors import DynidentError, Remedy
+from dynident.errors import DynidentError, Remedy, write_number
 from dynident.schema.fields import FieldDescription, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry
 from dynident_cli import option_parsers
@@ -136,7 +136,9 @@ def write_option(remedy: Remedy) -> str:
 
 
 def _write_value(value: object) -> str:
-    return "…" if value is ... else f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, tuple):
+        return ":".join(map(_write_value, value))
+    return "…" if value is ... else write_number(value) if isinstance(value, float) else str(value)
 
 
 def list_option_words(group: object) -> list[str]:

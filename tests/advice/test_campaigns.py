@@ -317,8 +317,19 @@ def test_a_motion_whose_ends_the_filters_cut_off_is_followed():
     q = amplitude * np.sin(phase)[:, None] - [0.0, 0.0, 0.1, 0.0]
     dq = amplitude * (2 * np.pi * frequency * np.cos(phase))[:, None]
     made = dy.read_recordings({"t": t, "q": q, "tau": np.zeros_like(q)}, robot=ARM)[0].recording
-    assert follows_design(made, SimpleNamespace(q=q, dq=dq))
-    assert not follows_design(made, SimpleNamespace(q=q, dq=2 * dq))
+    ddq = np.gradient(dq, t, axis=0)
+    assert follows_design(made, SimpleNamespace(t=t, q=q, dq=dq, ddq=ddq))
+    assert not follows_design(made, SimpleNamespace(t=0.5 * t, q=q, dq=2 * dq, ddq=4 * ddq))
+
+
+@pytest.mark.parametrize("frequency", [6.0, 10.0])
+def test_a_fast_motion_is_followed_though_differences_of_its_positions_smooth_it(frequency):
+    t, amplitude, omega = np.arange(0.0, 4.0, 0.005), np.array([0.02, 0.02, 0.01, 0.02]), 2 * np.pi * frequency
+    swing, speed = amplitude * np.sin(omega * t)[:, None], omega * amplitude * np.cos(omega * t)[:, None]
+    q = swing - [0.0, 0.0, 0.1, 0.0]
+    made = dy.read_recordings({"t": t, "q": q, "tau": np.zeros_like(q)}, robot=ARM)[0].recording
+    assert follows_design(made, SimpleNamespace(t=t, q=q, dq=speed, ddq=-(omega**2) * swing))
+    assert not follows_design(made, SimpleNamespace(t=0.5 * t, q=q, dq=2 * speed, ddq=-4 * omega**2 * swing))
 
 
 def test_a_run_is_told_once_and_only_motions_of_all_joints_add_up():

@@ -154,6 +154,7 @@ def test_from_two_files_to_a_named_effect_and_a_file_for_a_simulator(agent: Agen
     assert written["size"] == (agent.folder / "arm.c").stat().st_size
     same_arm = {"before": ["run1.csv"], "after": ["run2.csv"], "candidates": ["offset"]}
     assert agent.result("changes", model="better.npz", **same_arm)["changes"] == []
+    assert agent.call("changes", model="better.npz", **{**same_arm, "candidates": []}).is_error
 
 
 @pytest.mark.slow

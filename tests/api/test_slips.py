@@ -67,6 +67,15 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a path for recordings": (lambda d: dy.identify(d["robot"], "run1.csv"), "not a recording; read files and data"),
     "robot and recordings exchanged": (lambda d: dy.identify(d["runs"], d["robot"]), "robot is .*; read the robot"),
     "a number for effects": (lambda d: dy.identify(d["robot"], d["runs"], effects=3), "effects is 3; give texts"),
+    "no candidates": (lambda d: dy.diagnose(d["model"], candidates=[]), "candidates has 0 items; .*at least 1"),
+    "no candidates of changes": (
+        lambda d: dy.changes(d["model"], before=d["runs"][:1], after=d["runs"][1:], candidates=[]),
+        "candidates has 0 items; .*at least 1",
+    ),
+    "a misspelt candidate of changes": (
+        lambda d: dy.changes(d["model"], before=d["runs"][:1], after=d["runs"][1:], candidates="stribek"),
+        "'stribek'; did you mean 'stribeck'",
+    ),
     "a class for an effect": (lambda d: dy.identify(d["robot"], d["runs"], effects=[NoEffect]), "give texts such as"),
     "a dictionary of effects": (lambda d: dy.identify(d["robot"], d["runs"], effects={"stribeck": 1}), "give texts"),
     "a misspelt effect": (lambda d: d["model"].extend("stribek"), "'stribek'; did you mean 'stribeck'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +12,11 @@ from support.oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 from support.scored_candidates import judged as scored_with
 
 from dynident.diagnosis import DiagnosisChoices, diagnose, examine
-from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
+from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool_of_choices
 from dynident.diagnosis.changes_between_recordings import identify_on_both
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
-from dynident.diagnosis.search import comparison_of_rivals
+from dynident.diagnosis.search import comparison_of_rivals, next_finding
 from dynident.diagnosis.search.comparison_of_rivals import name_findings
 from dynident.diagnosis.search.finding_refinement import RecordedSource
 from dynident.diagnosis.search.next_finding import select_candidate
@@ -259,3 +260,31 @@ def test_the_constants_of_a_rival_are_chosen_on_other_parts_of_the_data():
     for parts, runs in ((run, ("b",)), (np.zeros(20, dtype=int), ())):
         own = [replace(each, candidate=replace(each.candidate, runs=runs)) for each in scores]
         assert comparison_of_rivals._nest_gains(own, parts).sum() > 0.0
+
+
+def test_candidates_that_only_show_at_reversals_are_scored_once_each_without_these_rows(monkeypatch):
+    scored, links = [], [SimpleNamespace(link=name) for _ in range(20) for name in ("a", "b")]
+
+    def score(state, candidates, kinds):
+        scored.append(candidates)
+        return [SimpleNamespace(error_drop=0.0) for _ in candidates]
+
+    monkeypatch.setattr(next_finding, "score_all", score)
+    # Of each group the second joint is idle: what is checked is the candidate without it.
+    monkeypatch.setattr(next_finding, "has_gain_on_joint", lambda state, scored, joint: joint == "a")
+    robot = SimpleNamespace(get_movers=lambda name: (name,))
+    state = SimpleNamespace(
+        data=SimpleNamespace(find_row_kinds=lambda columns: (True, False)),
+        pool=SimpleNamespace(observation=SimpleNamespace(robot=robot, columns=links)),
+        rules=SimpleNamespace(least_error_drop=0.02),
+    )
+    groups = [Candidate("presliding", ("a", "b"), (("s", float(k)),), (2 * k, 2 * k + 1)) for k in range(20)]
+    passing, known = [SimpleNamespace(candidate=group) for group in groups], {}
+    for k, group in enumerate(groups):
+        slim = SimpleNamespace(candidate=replace(group, joints=("a",), columns=group.columns[:1]))
+        assert next_finding.check_moving_joints(state, slim, passing[k:] if known else (), known) is not None
+    # The first by itself, and then all that are left at once.
+    assert [len(candidates) for candidates in scored] == [1, 19]
+    twin = SimpleNamespace(candidate=Candidate("stribeck", ("a",), (), (40,)))
+    next_finding.check_moving_joints(state, twin, passing, known)
+    assert scored[2:] == [[twin.candidate]]

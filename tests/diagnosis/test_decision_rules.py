@@ -33,6 +33,12 @@ def test_every_level_says_what_it_is_and_why() -> None:
     assert {level.name: level.value for level in levels}["least_error_drop"] == 0.02
 
 
+def test_a_level_that_a_request_sets_has_the_name_of_its_field() -> None:
+    rules = DiagnosisChoices(max_effects=3, significance=0.05).rules
+    changed = {level.name: level.value for level in rules.list_levels() if level not in RULES.list_levels()}
+    assert changed == {"max_effects": 3, "significance": 0.05}
+
+
 def test_the_levels_cannot_be_changed_in_place() -> None:
     with pytest.raises(FrozenInstanceError):
         RULES.least_error_drop = 0.5  # type: ignore[misc]

@@ -89,6 +89,16 @@ def test_what_is_too_small_is_told_with_the_size_that_would_have_shown(clean):
     assert all(f"{name} = {value:.3g}" in clean.why_not("backlash", NAMES[0]).text for name, value in shape)
 
 
+def test_without_detection_limits_nothing_is_said_of_what_would_have_shown(clean):
+    run = experiment()
+    quick = diagnose(run.identification, [run.training], DiagnosisChoices(HIDDEN), with_limits=False)
+    assert (quick.verdict, quick.recommended, quick.detection_limits) == ("cannot_tell", (), ())
+    assert quick.conclusion is not None
+    assert (quick.conclusion.code, quick.conclusion.next_action) == ("cannot_tell", None)
+    assert "Detection limits were not computed." in quick.summary
+    assert clean.conclusion.headline not in quick.summary
+
+
 def limit_of(effect: str, joint: str, share: float) -> DetectionLimit:
     return DetectionLimit(effect, (joint,), "Fst1", "N m", share, 0.8 * share, 1.0)
 

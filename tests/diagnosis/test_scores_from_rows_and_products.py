@@ -11,12 +11,14 @@ from dynident.diagnosis.candidates.held_out_scores import (
     FoldedFits,
     JointBlocks,
     compute_contributions,
+    compute_held_out_errors,
     score_candidates,
     score_folds,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
 from dynident.diagnosis.candidates.products_of_scored_pairs import RowErrors
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack
+from dynident.estimation import PriorInformation
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
 BASE, NOISE = np.arange(4), np.array([1.0, 0.5, 2.0])
@@ -190,3 +192,18 @@ def test_a_joint_that_stands_in_all_blocks_changes_no_score():
     np.testing.assert_array_equal(both[0][:, 0], alone[0][:, 0])
     np.testing.assert_array_equal(both[1][0].after[:, 0], alone[1][0].after[:, 0])
     assert not both[1][0].after[:, 1].any()
+
+
+@pytest.mark.parametrize("kind", ["interleaved", "contiguous"])
+def test_a_value_that_is_held_counts_in_folds_whose_other_blocks_lack_its_column(kind: str) -> None:
+    random = np.random.default_rng(0)
+    block = np.repeat(np.arange(10), 20)
+    columns = random.normal(size=(200, 2))
+    columns[block != 4, 0] = 0.0
+    rows = np.column_stack([columns, columns @ [3.0, 1.0] + 0.01 * random.normal(size=200)])
+    held = PriorInformation(np.zeros((0, 2)), np.zeros(0), np.array([3.0, np.nan]))
+    stacks, places = ((RowStack(rows, block, 10),),), (np.arange(2),)
+    data = Products(stacks, places, np.full((10, 1), 20.0), np.zeros(10, dtype=np.intp), held)
+    errors = compute_held_out_errors(data, np.arange(2), np.array([0.01]), kind)[:, 0]
+    # Twenty rows of noise a block.
+    assert (errors < 4.0 * 20 * 0.01**2).all()

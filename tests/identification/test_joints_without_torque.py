@@ -12,7 +12,7 @@ from support.drawn_recordings import FloatArray, guess, log, read
 import dynident as dy
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.estimation import Errors
 from dynident.export import PredictingModel, export_model
 from dynident.identification import (
@@ -232,6 +232,17 @@ def test_a_torque_of_zero_behind_a_brake_saturates_nowhere_and_is_told_with_a_wa
     others = '"columns": {"tau4": "none", "tau5": "none", "tau6": "none"}'
     assert windows in raised.value.detail
     assert others in raised.value.detail
+    assert [str(remedy) for remedy in raised.value.remedies[:2]] == [windows, others]
+    # The first joint works in the first and the last fifth, and no other where it works.
+    fifths = np.linspace(0, m, 6).astype(int)
+    columns["q1"][fifths[1] : fifths[4]] = columns["q1"][fifths[1]]
+    columns["q1"][fifths[4] :] = columns["q1"][fifths[1]] + given.q[fifths[4] :, 0] - given.q[fifths[4], 0]
+    columns["tau1"] = given.tau[:, 0] + 1.1 * np.abs(given.tau[:, 0]).max()
+    columns["tau1"][fifths[1] : fifths[4]] = 0.0
+    with pytest.raises(RecordingError, match="behind its brake") as raised:
+        read(given.robot, tmp_path, columns)
+    spans = ((0.0, given.t[fifths[1] - 1]), (given.t[fifths[4]], given.t[m - 1]))
+    assert str(Remedy("windows", spans)) in raised.value.detail
     # A torque whose one sign is cut off is 0 while its joint moves.
     columns = given.columns()
     columns["tau2"] = np.maximum(columns["tau2"] - np.quantile(columns["tau2"], 0.4), 0.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.recording_data import JOINTS, motion, write_parquet
 
+from dynident.errors import Remedy
 from dynident.recordings import (
     Check,
     JointLimits,
@@ -17,7 +18,10 @@ from dynident.recordings import (
     Revision,
     import_recording,
     phase_shares,
+    torque_checks,
 )
+from dynident.recordings.columns_to_signals import Column, Layout
+from dynident.recordings.file_source import RawSample
 
 LIMITS = tuple(JointLimits(position=(-3.0, 3.0), velocity=6.0, effort=200.0) for _ in JOINTS)
 
@@ -255,6 +259,23 @@ def test_saturated_torque_is_named_with_its_first_row(tmp_path, share, status):
         check = found(tmp_path, columns, "saturation")
         assert (check.status, check.column) == ("warning", "tau2")
         assert abs(check.row - first) < 20
+
+
+def test_the_torque_behind_a_brake_is_named_without_the_coordinates_of_the_base():
+    t = np.arange(1000) * 0.01
+    q, tau = np.cumsum(np.ones((1000, 8)), axis=0), np.zeros((1000, 8))
+    tau[:500, 6], q[500:, 6] = 5.0 + np.sin(t[:500]), q[500, 6]
+    tau[500:, 7] = 5.0 + np.sin(t[500:])
+    every, columns = np.ones(1000, dtype=bool), tuple(Column(f"c{joint}") for joint in range(8))
+    sample = RawSample(np.arange(1000), t, q, tau, None, every, every)
+    layout = Layout(Column("t"), None, columns, columns, n_base=6)
+    remedies = torque_checks._find_brake(6, tau[:, 6] == 0.0, sample, layout)
+    assert remedies == (Remedy("windows", ((0.0, 4.99),)), Remedy("columns", {"tau2": "none"}))
+    # Rows that are not in the sample split no interval.
+    some = t < 10.0
+    some[100:300] = False
+    part = RawSample(sample.row[some], t[some], q[some], tau[some], None, every[some], every[some])
+    assert torque_checks._find_brake(6, tau[some, 6] == 0.0, part, layout) == remedies
 
 
 @pytest.mark.parametrize("digits", [0.02, 0.005])

@@ -6,8 +6,7 @@ import pickle
 
 import pytest
 
-from dynident.api.recording_files import write_argument
-from dynident.errors import Remedy, word_remedies
+from dynident.errors import Remedy, word_remedies, write_argument
 from dynident.recordings import RecordingError
 from dynident_cli.request_options import write_option
 
@@ -38,6 +37,19 @@ WRITTEN = [
         "--gravity 0,0,9.81",
         "load_robot(…, gravity=(0, 0, 9.81))",
     ),
+    (
+        Remedy("windows", ((0.0, 4.5), (50.0, 60.0))),
+        '"windows": [[0, 4.5], [50, 60]]',
+        "--windows 0:4.5,50:60",
+        "windows=([0, 4.5], [50, 60])",
+    ),
+    (
+        Remedy("windows", ((1.7e9, 1.7e9 + 6.65),)),
+        '"windows": [[1700000000, 1700000006.65]]',
+        "--windows 1700000000:1700000006.65",
+        "windows=([1700000000, 1700000006.65],)",
+    ),
+    (Remedy("contacts"), '"contacts": …', "--contacts", "set_base(robot, contacts=[…])"),
     (
         Remedy("drives", {"j1": {"drive_gain": ...}}),
         '"drives": {"j1": {"drive_gain": …}}',

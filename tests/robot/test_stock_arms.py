@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynident.api.recording_files import write_argument
-from dynident.errors import DynidentError, Note, word_notes
+from dynident.errors import DynidentError, Note, word_notes, write_argument
 from dynident.motion import Surroundings
 from dynident.motion.collision.exact_distances import build_solid
 from dynident.motion.collision.free_space import build_free_space

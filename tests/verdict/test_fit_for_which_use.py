@@ -14,9 +14,10 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 from dynident.api.model import Model
 from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.effects import EffectChoice
+from dynident.errors import Remedy, write_argument
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.number_format import format_percent
-from dynident.recordings import Recording, Revision, recording_from_arrays
+from dynident.recordings import Check, Recording, Revision, recording_from_arrays
 from dynident.recordings.sample_hashes import SampleHashes
 from dynident.validation import ValidationOutcome
 from dynident.validation.contact_detection import CollisionValidation, ContactDetection
@@ -244,7 +245,20 @@ def test_columns_in_another_order_are_the_cause_of_a_stop(model: Identification)
     assert found.summary.startswith("Stop: In wrong")
     # Each front end words what is to be done in its own syntax.
     assert found.stop.remedies
-    assert all(str(remedy) in found.summary for remedy in found.stop.remedies)
+    for remedy in found.stop.remedies:
+        assert str(remedy) in found.summary
+        for text in (repr(found), found._repr_html_()):
+            assert str(remedy) not in text
+            assert write_argument(remedy).split("{")[0] in text
+
+
+def test_a_check_against_every_use_is_worded_in_python() -> None:
+    remedy = Remedy("columns", {"tau1": "none"})
+    check = Check("torque_sign", "warning", f"tau1 looks wrong. Say {remedy}.", remedies=(remedy,))
+    found = verdict(identify(ROBOT, [FITTED], [OTHER]), [FITTED], [OTHER], {"fitted": [check]})
+    assert str(remedy) in found.uses[0].reason
+    assert 'Say columns={"tau1": "none"}.' in repr(found)
+    assert str(remedy) not in repr(found)
 
 
 def test_a_joint_alone_that_is_not_explained_is_named(model: Identification) -> None:

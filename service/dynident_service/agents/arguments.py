@@ -216,7 +216,9 @@ class ChangesArguments(RequestModel):
     model: _Path
     before: Recordings = Field(min_length=1)
     after: Recordings = Field(min_length=1)
-    candidates: list[str] | None = Field(default=None, max_length=MOST_EFFECTS, description="Only these are tried")
+    candidates: list[str] | None = Field(
+        default=None, min_length=1, max_length=MOST_EFFECTS, description="Only these are tried"
+    )
 
 
 class ValidateArguments(RequestModel):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, overload
 from dynident.api.argument_checks import check_arguments
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
-from dynident.api.model_diagnosis import check_not_empty
+from dynident.api.model_diagnosis import check_not_empty, list_candidates
 from dynident.api.model_identification import as_model
 from dynident.api.named_tables import Framed, PlainText, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
@@ -364,7 +364,7 @@ def changes(
     *,
     before: SomeRecordings,
     after: SomeRecordings,
-    candidates: Sequence[str] | None = None,
+    candidates: str | Sequence[str] | None = None,
     progress: Progress = ignore_progress,
 ) -> Changes:
     """Find what has changed in a robot between two sets of recordings, whose motions may differ.
@@ -378,7 +378,7 @@ def changes(
     after : recordings
         The later set, which is compared with the earlier one.
     candidates : effect ids, optional
-        Only these are tried; the whole catalogue otherwise.
+        Only these are tried, at least one; the whole catalogue where left out.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -405,7 +405,7 @@ def changes(
     diagnosis = diagnose(
         desk_model.identification,
         later.recordings,
-        DiagnosisChoices(None if candidates is None else tuple(candidates)),
+        DiagnosisChoices(list_candidates(candidates)),
         baseline=earlier.recordings,
         progress=progress,
     )

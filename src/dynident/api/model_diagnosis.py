@@ -290,7 +290,7 @@ def diagnose(
         Held-out recordings. They propose nothing; what they do not confirm is not named. By default the model's own,
         or none where `recordings` are given.
     candidates : effect ids, optional
-        Only these are tried; the whole catalogue otherwise.
+        Only these are tried, at least one; the whole catalogue where left out.
     max_effects : int
         Largest number of recommended effects; contacts do not count.
     significance : float
@@ -324,10 +324,7 @@ def diagnose(
     True
     """
     has, has_not = split_hardware(hardware or {})
-    tried = (candidates,) if isinstance(candidates, str) else candidates
-    choices = DiagnosisChoices(
-        None if tried is None else tuple(tried), max_effects, significance, has=has, has_not=has_not
-    )
+    choices = DiagnosisChoices(list_candidates(candidates), max_effects, significance, has=has, has_not=has_not)
     desk_model = as_model(model)
     if recordings is None:
         desk_model.check_data("diagnose the model")
@@ -362,6 +359,11 @@ def check_not_empty(recordings: Recordings, name: str) -> None:
     """
     if not recordings:
         raise DynidentError("give at least one recording", pointer=name, title="Recordings needed")
+
+
+def list_candidates(candidates: str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Return the effects to try as a request has them; a single one may be given by its name alone."""
+    return (candidates,) if isinstance(candidates, str) else None if candidates is None else tuple(candidates)
 
 
 _FRAME_COLUMNS = (

@@ -16,9 +16,9 @@ from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.motion_arguments import resolve_simulation
 from dynident.api.named_tables import Framed, PlainText, Table
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
-from dynident.api.recording_files import read_recordings, write_argument
+from dynident.api.recording_files import read_recordings
 from dynident.effects import EffectChoice
-from dynident.errors import DynidentError, word_notes
+from dynident.errors import DynidentError, word_notes, write_argument
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table
 from dynident.excitation.design_request import Kind

@@ -12,7 +12,7 @@ from dynident.api.argument_checks import CheckedResult, check_arguments, require
 from dynident.api.recording_collection import CheckedRecording, Recordings, RecordingSource
 from dynident.api.recordings_in_memory import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.robot_files import DriveGains, set_drive_gains
-from dynident.errors import DynidentError, Remedy, word_remedies
+from dynident.errors import DynidentError, Remedy, word_remedies, write_argument
 from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
 from dynident.identification.robot_recording_import import (
     CONTRADICTION,
@@ -164,29 +164,6 @@ def inspect(
 def _format_question(question: Question) -> str:
     detail = word_remedies(question.detail, question.remedies, write_argument)
     return f"{question.field}: {detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
-
-
-_OTHER_ARGUMENTS = {
-    "drives": "drive_gains",
-    "meshes": "surroundings=dy.Surroundings(mesh_folders=[…])",
-    "assume_floor": "surroundings=dy.Surroundings(assume_floor=False)",
-    "identification_id": "design(model, …)",
-}
-"""Arguments that are called otherwise than the field of a remedy."""
-
-
-def write_argument(remedy: Remedy) -> str:
-    """Return a remedy as an argument of this package's functions."""
-    text = str(remedy).partition(": ")[2]
-    if isinstance(remedy.value, tuple):
-        text = f"({text[1:-1]},)" if len(remedy.value) == 1 else f"({text[1:-1]})"
-    if remedy.field in ("columns", "units"):
-        return f"{remedy.field}={text}"
-    if remedy.field in ("locked_joints", "gravity"):
-        return f"load_robot(…, {remedy.field}={text})"
-    if remedy.field in _OTHER_ARGUMENTS:
-        return _OTHER_ARGUMENTS[remedy.field]
-    return f"metadata=dy.RecordingMetadata({remedy.field}={text})"
 
 
 @check_arguments

@@ -25,7 +25,7 @@ def compute_held_out_ratio(identification: Identification) -> float:
 def conclude(
     verdict: Adequacy,
     unknown: Sequence[UnknownPattern],
-    limits: Sequence[DetectionLimit],
+    limits: Sequence[DetectionLimit] | None,
     ratios: tuple[float, float],
     joint_names: Sequence[str],
     *,
@@ -39,8 +39,8 @@ def conclude(
         Whether effects are recommended, or a residual is left that no effect explains, from the residual alone.
     unknown : sequence of UnknownPattern
         Dependences in the residual that no effect explains.
-    limits : sequence of DetectionLimit
-        The detection limits.
+    limits : sequence of DetectionLimit, optional
+        The detection limits; None where they were not computed, so that nothing says what would have shown.
     ratios : tuple of (float, float)
         Error on held-out recordings over that of the fit (NaN where there are none), and error on parts of the motion
         that were left out in a row over that on blocks between others.
@@ -55,10 +55,10 @@ def conclude(
     held_out, part_to_part = ratios
     # A comparison with NaN is false: without held-out data there is nothing to be far above the fit.
     is_far, is_poor = held_out > RULES.part_to_part, part_to_part > RULES.part_to_part or is_given_up
-    common = [limit for limit in limits if get_effect(limit.effect).often_missed is not None]
+    common = [limit for limit in limits or () if get_effect(limit.effect).often_missed is not None]
     blind = [limit for limit in common if limit.share > 1.0]
     is_blind = len(blind) > RULES.most_blind * len(common)
-    if verdict == "adequate" and not (is_far or is_poor or is_blind):
+    if verdict == "adequate" and limits is not None and not (is_far or is_poor or is_blind):
         median = float(np.median([limit.share for limit in common])) if common else math.inf
         words = (
             f"Half of the effects that arms often have would have shown from {format_percent(median, decimals=0)} of "
@@ -83,6 +83,9 @@ def conclude(
         why.append("The motion does not determine the model: parts of it do not predict each other.")
     if is_blind:
         why.append(_word_blind(blind, joint_names))
+    if not why:
+        step = "Diagnose again with detection limits."
+        return Conclusion("cannot_tell", ("Detection limits were not computed.",), step)
     experiment = "Record a longer or richer motion, identify the model from it, and diagnose again."
     return Conclusion("cannot_tell", tuple(why), experiment, "record")
 

@@ -49,7 +49,7 @@ def _declare_level(default: float, unit: str, meaning: str, reason: str, script:
 class DecisionRules:
     """Every level of the decision what is missing in a model.
 
-    A user sets `significance` and `most_effects` with the request. The others are properties of recordings and of
+    A user sets `significance` and `max_effects` with the request. The others are properties of recordings and of
     arms: they hold for all. `list_levels` has the description of each.
     """
 
@@ -57,7 +57,7 @@ class DecisionRules:
     significance: float = _declare_level(0.01, "-",
         "Largest p-value of a finding, for all candidates together",
         "The probability that anything is named if nothing is missing", "placebo")
-    most_effects: float = _declare_level(100, "-",
+    max_effects: float = _declare_level(100, "-",
         "Largest number of findings, without contacts",
         "The search ends when no candidate passes: only who wants fewer sets fewer")
     least_error_drop: float = _declare_level(0.02, "-",

@@ -134,6 +134,7 @@ def diagnose(
         they do not confirm is none. With a baseline they are not used.
     with_limits : bool
         Whether detection limits are computed: they take a quarter of the time, and change nothing that is recommended.
+        Without them a diagnosis that finds nothing cannot tell whether anything is missing.
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
 
@@ -272,7 +273,7 @@ def examine(
     conclusion = conclude(
         verdict,
         unknown,
-        limits,
+        limits if with_limits else None,
         (held_out_ratio, ranking.part_to_part),
         model.robot.joint_names,
         is_given_up=record.is_undetermined,

@@ -14,7 +14,7 @@ from dynident.schema.fields import Request, declare_field
 if TYPE_CHECKING:
     from dynident.recordings import Recording
 
-DEFAULT_MOST_EFFECTS = int(RULES.most_effects)
+DEFAULT_MOST_EFFECTS = int(RULES.max_effects)
 """Contacts do not count: they are events of a recording, not effects of the arm."""
 
 DEFAULT_SIGNIFICANCE = RULES.significance
@@ -69,7 +69,7 @@ class DiagnosisChoices(Request):
     @property
     def rules(self) -> DecisionRules:
         """The levels of the decision, with those that the request sets."""
-        return DecisionRules(significance=self.significance, most_effects=self.max_effects)
+        return DecisionRules(significance=self.significance, max_effects=self.max_effects)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -277,13 +277,13 @@ class Conclusion:
     ----------
     code : {"something_is_missing", "nothing_above_limits", "cannot_tell"}
         What it says. "cannot_tell": errors on held-out data are far above those of the fit, or the detection limits are
-        above the usual sizes of most effects that arms often have.
+        above the usual sizes of most effects that arms often have, or were not computed.
     why : tuple of str
         What the conclusion rests on, in sentences.
     next_step : str
         The next thing to do.
     next_action : {"extend", "add_own_effect", "validate", "record"}, optional
-        The same as a code; None in a diagnosis of an earlier version.
+        The same as a code; None in a diagnosis of an earlier version, and where detection limits are to be computed.
     """
 
     code: ConclusionCode

@@ -108,7 +108,9 @@ class PriorInformation:
         factor *= scale[:, None]
         weights, values = np.zeros(len(columns)), np.zeros(len(columns))
         if self.held is not None:
-            weights[own] = np.where(self.is_held[columns[own]], _CERTAIN * squares[own], 0.0)
+            # Any weight holds a column that these data lack; it only has to outweigh the equations.
+            sizes = np.where(squares > 0.0, squares, 1.0 + (factor**2).sum(axis=0))
+            weights[own] = np.where(self.is_held[columns[own]], _CERTAIN * sizes[own], 0.0)
             values[own] = np.nan_to_num(self.held[columns[own]])
         return factor.T @ factor + np.diag(weights), factor.T @ (self.right * scale) + weights * values
 

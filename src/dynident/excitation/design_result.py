@@ -23,7 +23,8 @@ from dynident.recordings.row_storage import load_stored_samples
 from dynident.robot.robot_model import Robot
 
 _PLANNED_SAMPLES = 2000
-# Speeds are differences of positions so many seconds before and after: less is noise of the positions.
+# Speeds are differences of positions at most so many seconds before and after: less is noise of the positions. For fast
+# motions it is the time 1 / ω in which the speed of a joint changes, so that no difference is one of another swing.
 _SPEED_SPAN = 0.05
 # Share of its reversals at which a joint has to stick to be expected to stick: one that lingers by itself at some slow
 # reversals seems to stick there, and does not at fast ones.
@@ -231,7 +232,11 @@ def follows_design(recording: Recording, design: Design) -> bool:
     # Of all recorded rows: filters cut the ends of a short motion off, where its speed may be highest.
     columns = load_stored_samples(recording).columns
     positions = np.column_stack([columns[f"q_{name}"] for name in recording.joint_names])
-    span = max(1, round(_SPEED_SPAN / recording.period))
+    # (1 / ω)² of each joint.
+    times = np.full(recording.n, np.inf)
+    power = np.mean(design.ddq**2, axis=0)
+    np.divide(np.mean(design.dq**2, axis=0), power, out=times, where=power > 0.0)
+    span = max(1, round(min(_SPEED_SPAN, float(np.sqrt(times.min()))) / recording.period))
     paths = [
         positions[segment.first_row : segment.first_row + segment.length]
         for segment in recording.segments
@@ -247,13 +252,20 @@ def follows_design(recording: Recording, design: Design) -> bool:
     distances, _ = tree.query(q[:: max(1, len(q) // _PLANNED_SAMPLES)] / travel, p=np.inf)
     if np.mean(distances <= _NEAR) < _ON_PATH:
         return False
+    # Differences smooth: the planned speeds are differences over the same time.
+    time = span * recording.period
+    inner = design.t[(design.t >= design.t[0] + time) & (design.t <= design.t[-1] - time)]
+    path = scipy.interpolate.CubicHermiteSpline(design.t, design.q, design.dq)
+    planned_dq = (path(inner + time) - path(inner - time)) / (2 * time)
+    if not len(inner):
+        return False
     # Of the samples that move alone: a recording may begin long before the motion.
-    slowest = _MOVES * np.abs(design.dq).max(axis=0)
+    slowest = _MOVES * np.abs(planned_dq).max(axis=0)
     moved = travel > _STANDS
     if not moved.any():
         return True
     # Slower is slower on all joints; a single one may shake.
-    speeds = _compute_moving_rms(dq, slowest) / _compute_moving_rms(design.dq, slowest).clip(_STANDS)
+    speeds = _compute_moving_rms(dq, slowest) / _compute_moving_rms(planned_dq, slowest).clip(_STANDS)
     is_wide = np.ptp(positions, axis=0) >= _LEAST_PART * travel
     return bool(is_wide[moved].all() and np.median(speeds[moved]) >= _LEAST_PART)
 

@@ -12,7 +12,7 @@ from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.nonparametric_fit import TorqueEvidence
-from dynident.recordings.recording import JointLimits, ModelChecks, Recording
+from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision, Status
 
 SATURATED = 5e-3
@@ -117,7 +117,6 @@ def _check_saturation(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
-    q = sample.q[sample.used]
     worst: Check | None = None
     most = 0.0
     run = max(RUN, round(SHORTEST * recording.sampling_rate))
@@ -133,10 +132,12 @@ def _check_saturation(
             most = share
             first = int(np.flatnonzero(flat)[0])
             status: Status = "error" if share > 0.2 else "warning"
-            why = _describe_brake(joint, flat, tau, q, t) or (
+            why = (
                 "the drive, or the log, saturates there. Move more slowly or with less payload, or choose windows "
                 "without saturation."
             )
+            brake = _find_brake(joint, flat, sample, layout)
+            why = _describe_brake(brake) if brake else why
             worst = Check(
                 "saturation",
                 status,
@@ -146,25 +147,46 @@ def _check_saturation(
                 int(row[first]),
                 float(t[first]),
                 _exclude_plateaus(flat, t),
+                remedies=brake,
             )
     return worst or Check("saturation", "ok", "No torque stays at its extreme value.")
 
 
-def _describe_brake(joint: int, flat: BoolArray, tau: FloatArray, q: FloatArray, t: FloatArray) -> str:
-    """Say that a torque that stays at 0 while its joint stands was not measured there, and how to use the others.
+def _find_brake(joint: int, flat: BoolArray, sample: RawSample, layout: Layout) -> tuple[Remedy, ...]:
+    """Return how to use the other rows where a torque that stays at 0 while its joint stands was not measured there.
 
-    "" where it is not so: no drive saturates at 0, but where the joint moves one sign of a torque may be cut off.
+    Nothing where it is not so: no drive saturates at 0, but where the joint moves one sign of a torque may be cut off.
     """
+    tau, q, t = sample.tau[sample.used], sample.q[sample.used, joint], sample.t[sample.used]
     works = tau[:, joint] != 0.0
-    if works[flat].any() or np.ptp(q[~works, joint]) > STANDS * np.ptp(q[:, joint]):
-        return ""
-    first, last = np.flatnonzero(works)[[0, -1]]
-    off = [f'"tau{other + 1}": "none"' for other in np.flatnonzero(~tau[first : last + 1].any(axis=0))]
-    others = f', and say that the torques of the others were not recorded there ("columns": {{{", ".join(off)}}})'
+    if works[flat].any() or np.ptp(q[~works]) > STANDS * np.ptp(q):
+        return ()
+    places, at = np.flatnonzero(works), t[works]
+    # What filters smear splits no interval, and makes none. Rows that are not in the sample say nothing.
+    ends = np.append(np.flatnonzero((np.diff(at) > 2.0 * AROUND) & (np.diff(places) > 1)), len(at) - 1)
+    spans = zip(at[np.append(0, ends[:-1] + 1)], at[ends], strict=True)
+    longest = sorted((float(end - start), float(start), float(end)) for start, end in spans)[-MOST_INTERVALS:]
+    windows = tuple(sorted((start, end) for length, start, end in longest if length > 2.0 * AROUND))
+    if not windows:
+        return ()
+    inside = is_inside_windows(t, windows)
+    off = [other for other in range(layout.n_base, tau.shape[1]) if not tau[inside, other].any()]
+    columns = Remedy("columns", {_name_torque(layout, other): NOT_RECORDED for other in off})
+    return (Remedy("windows", windows), *((columns,) if off else ()))
+
+
+def _name_torque(layout: Layout, joint: int) -> str:
+    """Return our name of the torque column of a joint; coordinates of the base have none."""
+    return f"tau{joint + 1 - layout.n_base}"
+
+
+def _describe_brake(remedies: tuple[Remedy, ...]) -> str:
+    """Say that a torque was not measured while the brake of its joint was engaged, and how to use the other rows."""
+    windows, *columns = remedies
+    others = "".join(f", and say that the torques of the others were not recorded there ({each})" for each in columns)
     return (
         "its joint stands there behind its brake, with the drive off, and its load is not in the log. Use the seconds "
-        f'in which it works ("windows": [[{t[first]:.6g}, {t[last]:.6g}]]){others if off else ""}; those of another '
-        "joint are a recording of their own."
+        f"in which it works ({windows}){others}; those of another joint are a recording of their own."
     )
 
 
@@ -241,7 +263,7 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
     cure, remedies = None, tuple[Remedy, ...]()
     if len(constant) < np.count_nonzero(recording.has_torque):
         names = " and ".join(recording.joint_names[k] for k in constant)
-        cure = Revision(columns={f"tau{k + 1}": NOT_RECORDED for k in constant})
+        cure = Revision(columns={_name_torque(layout, int(k)): NOT_RECORDED for k in constant})
         remedies = (Remedy("columns", cure.columns),)
         detail += f" To leave out the equation of {names} but use the motion, say {remedies[0]}."
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure, remedies=remedies)

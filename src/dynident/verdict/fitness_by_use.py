@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from dynident.effects import LINKS
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, join_notes
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.estimators.feasible_problem import find_resisting_speeds
 from dynident.identification.identified_models.identify_from_recordings import describe_slow_motion
@@ -171,7 +171,7 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: N
     reported = (state, "yes") if state == "limited" else (state,)
     sentences = [finding.sentence for grade in reported for finding in findings if finding.state == grade]
     steps = [finding.next for finding in findings if finding.state == state and finding.next]
-    return Use(name, state, " ".join(sentences), steps[0] if steps else when_good)
+    return Use(name, state, join_notes(sentences), steps[0] if steps else when_good)
 
 
 _FORCE_THAT_COUNTS = "The limit that counts is that of your risk assessment."

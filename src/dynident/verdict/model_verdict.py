@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note, join_notes, word_notes, write_argument
 from dynident.estimation import Errors, OutlyingSpan, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.identified_models.fit_model import OF_COMMANDS
@@ -103,7 +103,7 @@ class ModelVerdict:
     def summary(self) -> str:
         """The verdict in a sentence."""
         if self.stop is not None:
-            return f"Stop: {self.stop.cause}"
+            return Note(f"Stop: {self.stop.cause}", self.stop.remedies)
         parts = {words: [use.words for use in self.uses if use.state == state] for state, words in _STATES.items()}
         text = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
         return f"{text[:1].upper()}{text[1:]}."
@@ -141,16 +141,17 @@ class ModelVerdict:
         return {name: value for name, value in values.items() if value is not None and np.isfinite(value)}
 
     def __repr__(self) -> str:
-        return "\n".join([f"ModelVerdict: {self.summary}", *(f"  {line}" for line in self._lines())])
+        return "ModelVerdict: " + "\n  ".join(self._lines())
 
     def _repr_html_(self) -> str:
-        return join_html(render_paragraph(self.summary, strong=True), render_list(self._lines()))
+        summary, *lines = self._lines()
+        return join_html(render_paragraph(summary, strong=True), render_list(lines))
 
     def _lines(self) -> list[str]:
-        """List the uses with their reasons, unless the model is not to be used at all, and the next steps."""
+        """List the summary, the uses with their reasons unless the model is not to be used, and the next steps."""
         uses = () if self.stop is not None else self.uses
-        lines = [f"{use.mark} {use.words}: {use.reason} → {_word_next_step(use.next)}" for use in uses]
-        return [*lines, *(f"→ {step}" for step in self.next_steps)]
+        lines = [join_notes((f"{use.mark} {use.words}:", use.reason, f"→ {_word_next_step(use.next)}")) for use in uses]
+        return word_notes([self.summary, *lines, *(f"→ {step}" for step in self.next_steps)], write_argument)
 
 
 _CALLS: Mapping[Action, str] = {
@@ -357,7 +358,7 @@ def _find_universal_objection(
 def _find_veto(checks: Mapping[str, Sequence[Check]]) -> str:
     """Say which check speaks against every use; nothing where the user has accepted what it finds, or none does."""
     against = [
-        f"In {name}: {check.detail}"
+        Note(f"In {name}: {check.detail}", check.remedies)
         for name, own in checks.items()
         for check in own
         if check.name in VETOES and check.status != "ok" and not check.is_accepted

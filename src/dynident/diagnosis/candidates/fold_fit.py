@@ -248,11 +248,6 @@ class ProductSums:
     xy: FloatArray
     xx: tuple[FloatArray, ...]
 
-    def add(self, other: ProductSums) -> ProductSums:
-        """Return the products of the rows that are in either sum."""
-        xx = tuple(mine + theirs for mine, theirs in zip(self.xx, other.xx, strict=True))
-        return ProductSums(self.ww + other.ww, self.wx + other.wx, self.wy + other.wy, self.xy + other.xy, xx)
-
     def add_known(self, known: PriorInformation, base: IndexArray) -> ProductSums:
         """Return the products with what is known of the model's parameters, whose columns are `base` (b,)."""
         squares, right = known.compute_products(base, np.diag(self.ww))

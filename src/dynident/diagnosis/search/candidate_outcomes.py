@@ -211,7 +211,7 @@ class _Judge:
                 return self._number_step(rejection)
         if candidate in self.record.rejections:
             return self._number_step(self.record.rejections[candidate])
-        count, most = sum(not finding.is_transient for finding in state.findings), state.rules.most_effects
+        count, most = sum(not finding.is_transient for finding in state.findings), state.rules.max_effects
         return Reason.build("most_effects", most=float(most)) if count >= most else Reason.build("passed_over")
 
     def _find_explanation(self, alone: ScoredCandidate, last: ScoredCandidate | None) -> Reason | None:

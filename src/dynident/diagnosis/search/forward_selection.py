@@ -175,7 +175,7 @@ def search_findings(
         firm = firm or is_determined(replace(state, findings=contacts))
         family = score_family(state, _list_remaining(state.pool, added))
     # Contacts are events of a recording, not effects of the arm: they do not count.
-    while family.scored and (number := len(state.findings) - len(contacts)) < state.rules.most_effects:
+    while family.scored and (number := len(state.findings) - len(contacts)) < state.rules.max_effects:
         progress(number / (number + 1), f"{number} effects found, {len(family.scored)} candidates")
         record.rejections.clear()
         judged = family.scored

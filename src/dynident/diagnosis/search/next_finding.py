@@ -85,8 +85,7 @@ def select_candidate(
             whole = slim is chosen or len(slim.candidate.joints) > 1
             by_itself = None if whole else find_rejection(state, replace(slim, p=chosen.p))
             # Where one only shows at reversals many may: the second one is scored together with all that are left.
-            more = [scored.candidate for scored in passing] if moving_scores else []
-            rejection = by_itself or check_moving_joints(state, slim, more, moving_scores)
+            rejection = by_itself or check_moving_joints(state, slim, passing if moving_scores else (), moving_scores)
             if rejection is None:
                 return replace(slim, p=chosen.p), equal + find_richer_changes(state, slim, passing, equal)
         else:
@@ -157,7 +156,7 @@ def _grows_with_load(scored: ScoredCandidate) -> bool:
 def check_moving_joints(
     state: State,
     chosen: ScoredCandidate,
-    more: Sequence[Candidate] = (),
+    more: Sequence[ScoredCandidate] = (),
     known: dict[Candidate, ScoredCandidate] | None = None,
 ) -> Reason | None:
     """Check that what remembers the path also lowers the error where joints move on, not only where they reverse.
@@ -170,8 +169,8 @@ def check_moving_joints(
         The model so far and what was found.
     chosen : ScoredCandidate
         The candidate to check.
-    more : sequence of Candidate
-        Candidates that may be checked next: they are scored together.
+    more : sequence of ScoredCandidate
+        Candidates that may be checked next, without their idle joints: they are scored together.
     known : dict of Candidate to ScoredCandidate, optional
         Scores without the rows where joints reverse; filled with those that are computed.
     """
@@ -180,8 +179,9 @@ def check_moving_joints(
     if not turns:
         return None
     if chosen.candidate not in known:
-        alike = [other for other in more if state.data.find_row_kinds(other.columns) == (turns, starts)]
-        together = list(dict.fromkeys([chosen.candidate, *alike]))
+        parts = [_remove_idle_joints(state, other) for other in more]
+        alike = [part for part in parts if state.data.find_row_kinds(part.columns) == (turns, starts)]
+        together = [part for part in dict.fromkeys([chosen.candidate, *alike]) if part not in known]
         known.update(zip(together, score_all(state, together, kinds=(False, starts)), strict=True))
     scored = known[chosen.candidate]
     if scored.error_drop >= state.rules.least_error_drop:
@@ -254,13 +254,18 @@ def find_richer_changes(
 
 def drop_idle_joints(state: State, chosen: ScoredCandidate) -> ScoredCandidate:
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
+    smaller = _remove_idle_joints(state, chosen)
+    return chosen if smaller is chosen.candidate else score_all(state, [smaller])[0]
+
+
+def _remove_idle_joints(state: State, chosen: ScoredCandidate) -> Candidate:
+    """Return a candidate on those of its joints that gain from it; the same where all or none do."""
     if len(chosen.candidate.joints) < 2:
-        return chosen
+        return chosen.candidate
     # The gain from a passive joint shows in the torque of the joint that moves it.
     movers = state.pool.observation.robot.get_movers
     gaining = [name for name in chosen.candidate.joints if has_gain_on_joint(state, chosen, movers(name)[0])]
     if not gaining or len(gaining) == len(chosen.candidate.joints):
-        return chosen
+        return chosen.candidate
     columns = tuple(k for k in chosen.candidate.columns if state.pool.observation.columns[k].link in gaining)
-    smaller = Candidate(chosen.candidate.effect, tuple(gaining), chosen.candidate.shape, columns, chosen.candidate.runs)
-    return score_all(state, [smaller])[0]
+    return Candidate(chosen.candidate.effect, tuple(gaining), chosen.candidate.shape, columns, chosen.candidate.runs)
