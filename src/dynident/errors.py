@@ -339,7 +339,10 @@ def convert_value(value: object, hint: object, name: str, pointer: str) -> objec
             )
     elif origin is Mapping and isinstance(value, Mapping):
         return {
-            key: convert_value(item, parts[1], f"{name}[{key!r}]", f"{pointer}/{key}") for key, item in value.items()
+            convert_value(key, parts[0], f"a key of {name}", pointer): convert_value(
+                item, parts[1], f"{name}[{key!r}]", f"{pointer}/{key}"
+            )
+            for key, item in value.items()
         }
     elif hint is str and isinstance(value, PathLike):
         return fspath(value)

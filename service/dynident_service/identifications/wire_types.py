@@ -99,7 +99,7 @@ class ParameterView(ViewModel):
     judgement: JUDGEMENTS | None = Field(
         default=None,
         description="From its 95 % interval: determined (standard deviation at most a tenth of the value, and mainly "
-        "from the data), uncertain, or not distinguishable from zero",
+        "from the data), uncertain, not distinguishable from zero, or held at a known value",
     )
     times_smallest: float | None = Field(
         default=None,

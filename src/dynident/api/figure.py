@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -88,7 +89,7 @@ class Figure(CheckedResult):
         """
         require(hasattr(axes, "transData"), axes, "axes", "give matplotlib's: figure, axes = plt.subplots()")
         titles = [item.get_title(loc="left") for item in self.axes]
-        if panel not in range(len(titles)):
+        if not isinstance(panel, Integral) or panel not in range(len(titles)):
             listed = "; ".join(f"{number}: {title}" for number, title in enumerate(titles))
             raise DynidentError(f"there is no panel {panel!r}; the panels are {listed or 'none'}", pointer="panel")
         figure, place = [(figure, k) for figure in self.drawn_from for k in range(len(figure.axes))][panel]
@@ -173,7 +174,7 @@ def join_figures(parts: Sequence[str | Figure], title: str, headings: Sequence[s
     Parameters
     ----------
     parts : sequence of str or Figure
-        <svg> elements or drawings, at least one.
+        <svg> elements or drawings.
     title : str
         What the drawing shows.
     headings : sequence of str, optional
@@ -183,7 +184,14 @@ def join_figures(parts: Sequence[str | Figure], title: str, headings: Sequence[s
     -------
     Figure
         One drawing as wide as the widest part.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no part.
     """
+    if not parts:
+        raise DynidentError("nothing to draw: there are no items")
     # Figures arrive as markupsafe.Markup, whose string methods escape their arguments; plain strings do not.
     svgs = [str(part.svg if isinstance(part, Figure) else part) for part in parts]
     drawn_from = tuple(figure for part in parts for figure in _list_figures(part))

@@ -334,6 +334,11 @@ class Model(ModelResults):
         -------
         Figure
             Two panels: errors in total, and joint by joint.
+
+        Raises
+        ------
+        DynidentError
+            Where there is no model.
         """
         return self.ladder.plot()
 
@@ -409,6 +414,8 @@ class Ladder(Items[Model], Framed):
         """
         from dynident.reports.figures.ladder import draw_models
 
+        if not self.items:
+            raise DynidentError("nothing to draw: there are no models")
         count = format_count(len(self.items), "model")
         return join_figures(
             [draw_models([model.identification for model in self.items])], f"errors of {count}, joint by joint"
@@ -423,7 +430,7 @@ class Ladder(Items[Model], Framed):
 
     def _table(self) -> ReportedTable:
         steps = [make_step(model.identification) for model in self.items]
-        return build_ladder_table(steps, self.items[0].robot.joint_names)
+        return build_ladder_table(steps, self.items[0].robot.joint_names if self.items else ())
 
 
 def _describe_quality(identification: Identification) -> str:

@@ -192,7 +192,8 @@ class ModelResults(ParameterStatistics):
         Returns
         -------
         Table
-            By the names of `params`; effects that the virtual robot does not have are 0.
+            By the names of `params`; effects that the virtual robot does not have are 0. NaN stands where it has the
+            effect with other shape constants, or in other runs alone: their parameters are other ones.
 
         Examples
         --------
@@ -204,7 +205,10 @@ class ModelResults(ParameterStatistics):
         simulation = resolve_simulation(self.robot, parameters, request, None)
         model = self.identification.model
         standard = compute_true_parameters(self.robot, simulation, model.columns)
-        return self._label({"value": model.base.grouping @ standard}, "True base parameters")
+        unknown = np.isnan(standard)
+        values = model.base.grouping @ np.where(unknown, 0.0, standard)
+        values[model.base.written[:, unknown].any(axis=1)] = np.nan
+        return self._label({"value": values}, "True base parameters")
 
     def predictor(self) -> TorquePredictor:
         """Return a predictor for a controller, which carries the memory of hysteresis along.

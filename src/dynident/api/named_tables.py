@@ -124,8 +124,13 @@ class Framed(CheckedResult, ABC):
 
     @property
     def loc(self) -> pandas.core.indexing._LocIndexer:
-        """Rows by their names, as of `to_frame("pandas")`: `model.bse.loc["Fc1"]`; it needs pandas."""
-        return self.to_frame("pandas").loc
+        """Rows by their names, with the columns of `to_frame("pandas")`: `model.bse.loc["Fc1"]`; it needs pandas."""
+        frame = self.to_frame("pandas")
+        names = self._list_names() if isinstance(self, Items) else []
+        # Items without names of their own are listed by number, as the rows of the frame are.
+        if len(names) == len(frame) and names != [str(k) for k in range(len(names))]:
+            frame = frame.set_axis(names, axis=0)
+        return frame.loc
 
     def to_table(self) -> Table:
         """Return the same columns as a table of this library, which needs neither pandas nor polars.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
@@ -424,7 +425,7 @@ class ParameterStatistics(CheckedResult):
         --------
         >>> model.wald_test({"Fc1": 3.0, "Fv1": 2.0}).p_value  # doctest: +SKIP
         """
-        known = isinstance(values, Mapping) and values and all(isinstance(number, Real) for number in values.values())
+        known = isinstance(values, Mapping) and values and all(map(_is_finite, values.values()))
         require(bool(known), values, "values", 'give values by the names of parameters: {"Fc1": 3.0, "Fv1": 2.0}')
         for name in values:
             if name not in self._names:
@@ -448,3 +449,7 @@ class ParameterStatistics(CheckedResult):
     def _label(self, columns: dict[str, FloatArray], title: str) -> Table:
         units = {column.name: column.unit for column in self.identification.model.kept}
         return Table(columns, units, self._names, "parameter", title, self._groupings)
+
+
+def _is_finite(number: object) -> bool:
+    return isinstance(number, Real) and math.isfinite(number)

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import clarabel
 import numpy as np
 import scipy
 
-from dynident.array_types import FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.errors import DynidentError
+from dynident.estimation.parameter_covariance import compute_null_space
 
 _SOLVED = ("Solved", "AlmostSolved")
 _INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
@@ -25,6 +26,8 @@ _TOLERANCES, _ACCEPTED = (1e-11, 1e-9), 1e-7
 _REGULARISATION = 1e-10
 # A constraint holds the solution where so little is left to it; parameters are about one.
 _HELD = 1e-6
+# Below this an entry of a constraint is rounding: the equations determine it wholly.
+_SETTLED = 1e-9
 
 
 class InfeasibleError(DynidentError):
@@ -68,6 +71,11 @@ class EqualityConstraints:
 
     factor: FloatArray
     right: FloatArray
+
+    @cached_property
+    def solutions(self) -> tuple[FloatArray, FloatArray]:
+        """One solution (c,), and orthonormal directions (c, k): all solutions are it plus these times any numbers."""
+        return np.asarray(np.linalg.lstsq(self.factor, self.right)[0]), compute_null_space(self.factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +141,30 @@ def solve_constrained(
 
 
 @dataclass(frozen=True, eq=False)
+class _Cone:
+    """Rows of constraints on x: right - factor x in a cone of Clarabel."""
+
+    factor: FloatArray
+    right: FloatArray
+    kind: object
+
+    def eliminate(self, start: FloatArray, moving: FloatArray) -> _Cone:
+        """Return the constraints on w, where x = start + moving w."""
+        return _Cone(self.factor @ moving, self.right - self.factor @ start, self.kind)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether no unknown is left in it."""
+        return float(np.abs(self.factor).max(initial=0.0)) < _SETTLED
+
+
+@dataclass(frozen=True, eq=False)
 class _Problem:
-    """The problem in Clarabel's form: ½ zᵀz over (x, z) with factor x - z = right, and s = b - A (x, z) in cones."""
+    """The problem in Clarabel's form: ½ zᵀz over (w, z) with factor x - z = right, and s = b - A (w, z) in cones.
+
+    The equations are eliminated before: x = start + moving w. As a cone beside bodies at their limit they would leave
+    the interior-point method hardly any interior.
+    """
 
     factor: FloatArray
     right: FloatArray
@@ -145,76 +175,88 @@ class _Problem:
     def solve(self) -> FloatArray:
         """Return the solution x (c,)."""
         r, c = self.factor.shape
+        start, moving = (np.zeros(c), np.eye(c)) if self.equations is None else self.equations.solutions
+        self._check_settled(start)
+        left = [cone.eliminate(start, moving) for cone in self._build_cones()]
+        cones = [cone for cone in left if not cone.is_settled]
+        k = moving.shape[1]
         # The residual as a variable of its own: factorᵀfactor would square the condition number.
-        quadratic = scipy.sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
-        rows, rights, cones = self._build_rows()
+        quadratic = scipy.sparse.diags(np.concatenate([np.zeros(k), np.ones(r)]), format="csc")
+        beside = [np.hstack([cone.factor, np.zeros((len(cone.right), r))]) for cone in cones]
+        rows = scipy.sparse.csc_matrix(np.vstack([np.hstack([self.factor @ moving, -np.eye(r)]), *beside]))
+        rights = np.concatenate([self.right - self.factor @ start, *(cone.right for cone in cones)])
+        kinds = [clarabel.ZeroConeT(r), *(cone.kind for cone in cones)]
         # A strict tolerance first. Where rounding prevents it, a looser one still gives far more digits than the data
         # have.
         for tolerance in _TOLERANCES:
             answer = clarabel.DefaultSolver(
-                quadratic, np.zeros(c + r), scipy.sparse.csc_matrix(rows), rights, cones, _build_settings(tolerance)
+                quadratic, np.zeros(k + r), rows, rights, kinds, _build_settings(tolerance)
             ).solve()
             status = str(answer.status)
             if status in _SOLVED or status in _INFEASIBLE:
                 break
         if status in _INFEASIBLE:
-            raise InfeasibleError("no parameters satisfy all constraints at once", title="Infeasible")
+            raise _contradiction_error()
         if status not in _SOLVED or not np.all(np.isfinite(answer.x)):
             raise InfeasibleError(
                 f"the constrained problem could not be solved ({status}): its numbers differ too much in size",
                 title="Not solved",
             )
-        return np.asarray(answer.x)[:c]
+        return np.asarray(start + moving @ np.asarray(answer.x)[:k])
 
-    def _build_rows(self) -> tuple[FloatArray, FloatArray, list[object]]:
-        r, c = self.factor.shape
-        rows = [np.hstack([self.factor, -np.eye(r)])]
-        rights = [self.right]
-        cones: list[object] = [clarabel.ZeroConeT(r)]
-        if self.equations is not None:
-            rows.append(np.hstack([self.equations.factor, np.zeros((len(self.equations.right), r))]))
-            rights.append(self.equations.right)
-            cones.append(clarabel.ZeroConeT(len(self.equations.right)))
-        if len(self.at_least):
-            bounds = np.zeros((len(self.at_least), c + r))
-            bounds[np.arange(len(self.at_least)), self.at_least] = -1.0
-            rows.append(bounds)
-            rights.append(np.zeros(len(self.at_least)))
-            cones.append(clarabel.NonnegativeConeT(len(self.at_least)))
-        sums = [bound for bound in self.matrices if len(bound.constant) == 1]
-        if sums:
-            # Matrices of one entry are inequalities, which the solver treats more exactly as such.
-            bounds = np.zeros((len(sums), c + r))
-            for row, bound in zip(bounds, sums, strict=True):
-                row[bound.columns] = -bound.parts[:, 0, 0]
-            sizes = np.maximum(np.linalg.norm(bounds, axis=1), np.finfo(float).tiny)
-            rows.append(bounds / sizes[:, None])
-            rights.append(np.array([bound.constant[0, 0] for bound in sums]) / sizes)
-            cones.append(clarabel.NonnegativeConeT(len(sums)))
+    def _check_settled(self, start: FloatArray) -> None:
+        """Raise where equations contradict one another, or a bound on what they determine wholly."""
+        if self.equations is None:
+            return
+        gap = np.abs(self.equations.factor @ start - self.equations.right).max(initial=0.0)
+        if gap > _ACCEPTED * max(1.0, float(np.abs(self.equations.right).max(initial=0.0))):
+            raise _contradiction_error()
+        lowest = [np.linalg.eigvalsh(m.evaluate(start)).min() for m in self.matrices if self.settled[m.columns].all()]
+        if np.any(start[self.at_least][self.settled[self.at_least]] < -_HELD) or np.any(np.array(lowest) < -_HELD):
+            raise _contradiction_error()
+
+    @cached_property
+    def settled(self) -> BoolArray:
+        """Which unknowns (c,) the equations determine by themselves."""
+        if self.equations is None:
+            return np.zeros(self.factor.shape[1], dtype=bool)
+        return np.asarray(np.linalg.norm(self.equations.solutions[1], axis=1) < _SETTLED)
+
+    def _build_cones(self) -> list[_Cone]:
+        c = self.factor.shape[1]
+        cones = [_Cone(-np.eye(c)[[index]], np.zeros(1), clarabel.NonnegativeConeT(1)) for index in self.at_least]
         for bound in self.matrices:
-            if len(bound.constant) == 1:
-                continue
+            rows = np.zeros((len(_pack_triangle(bound.constant)), c))
             # Only the upper triangle enters; the factor √2 keeps the inner product that of the whole matrix.
-            triangle = np.zeros((len(_pack_triangle(bound.constant)), c + r))
             for column, part in zip(bound.columns, bound.parts, strict=True):
-                triangle[:, column] = -_pack_triangle(part)
-            rows.append(triangle)
-            rights.append(_pack_triangle(bound.constant))
-            cones.append(clarabel.PSDTriangleConeT(len(bound.constant)))
-        return np.vstack(rows), np.concatenate(rights), cones
+                rows[:, column] = -_pack_triangle(part)
+            right, kind = _pack_triangle(bound.constant), clarabel.PSDTriangleConeT(len(bound.constant))
+            if len(bound.constant) == 1:
+                # Matrices of one entry are inequalities, which the solver treats more exactly as such.
+                size = max(float(np.linalg.norm(rows)), np.finfo(float).tiny)
+                rows, right, kind = rows / size, right / size, clarabel.NonnegativeConeT(1)
+            cones.append(_Cone(rows, right, kind))
+        return cones
 
     def describe_solution(self, values: FloatArray) -> ConstrainedSolution:
         """Return the solution with the constraints that are active in it."""
         c = len(values)
-        zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD)
+        # Where equations alone determine a parameter no bound holds it.
+        zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD and not self.settled[index])
         # An equation always holds the solution; a bound only where it is met.
         rows = ([] if self.equations is None else list(self.equations.factor)) + list(np.eye(c)[list(zeros)])
         edges = []
         for place, bound in enumerate(self.matrices):
+            if self.settled[bound.columns].all():
+                continue
             of_matrix = _find_held_directions(bound, values)
             edges += [place] if of_matrix else []
             rows += of_matrix
         return ConstrainedSolution(values, np.array(rows).reshape(-1, c), zeros, tuple(edges))
+
+
+def _contradiction_error() -> InfeasibleError:
+    return InfeasibleError("no parameters satisfy all constraints at once", title="Infeasible")
 
 
 def _build_settings(tolerance: float) -> clarabel.DefaultSettings:

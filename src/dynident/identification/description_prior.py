@@ -433,6 +433,7 @@ def check_known(model: Model, known: Mapping[str, float]) -> None:
                 pointer="/known",
                 title="Unknown parameter",
             )
+        check_unique(name, listed, "/known")
         row = listed.index(name)
         parts = [(model.columns[k], weight) for k, weight in enumerate(model.base.grouping[row]) if weight != 0]
         # A sum may be negative as soon as one of its terms may.
@@ -450,6 +451,17 @@ def check_known(model: Model, known: Mapping[str, float]) -> None:
                 pointer="/known",
                 title="Impossible value",
             )
+
+
+def check_unique(name: str, listed: Sequence[str], pointer: str) -> None:
+    """Raise where several parameters have a name, as those of two ripples on one joint."""
+    if listed.count(name) > 1:
+        raise DynidentError(
+            f"{listed.count(name)} parameters of the model have the name {name}, so it does not say which is meant; "
+            "leave it out",
+            pointer=pointer,
+            title="Ambiguous parameter",
+        )
 
 
 FRICTION_ROLES = ("dry", "damping")

@@ -5,7 +5,8 @@ Holds which choices exclude each other, and what is chosen by default; also the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -27,9 +28,9 @@ from dynident.schema.fields import Choice, OneOf, Request, declare_field
 from dynident.schema.registry import get_kind_name
 
 if TYPE_CHECKING:
-    from dynident.effects import Column
     from dynident.estimation import CovarianceName
     from dynident.recordings import Preprocessing
+    from dynident.regressors.model_structure import Model
 
 
 @dataclass(frozen=True)
@@ -254,14 +255,43 @@ class IdentificationChoices(Request):
         """Whether rows of the joints' torques count by their noise where a joint turns round."""
         return self.weigh_turns and self.model == "dynamic" and self.solver.weighs_turns
 
-    def keep_known(self, columns: Iterable[Column]) -> IdentificationChoices:
-        """Return the choices with what is known of the base parameters of these columns alone."""
-        names = {column.name for column in columns}
+    def keep_known(self, names: Collection[str]) -> IdentificationChoices:
+        """Return the choices with what is known of parameters of these names alone."""
         known, errors = (
             {name: number for name, number in numbers.items() if name in names}
             for numbers in (self.known, self.known_errors)
         )
         return replace(self, known=known, known_errors=errors)
+
+    def move_known(self, before: Model, after: Model) -> tuple[IdentificationChoices, tuple[str, ...]]:
+        """Return the choices for another model, with what is known of sums that are the same in both, and warnings.
+
+        Terms of a sum that the other model does not have at all count as zero in it, and change no sum.
+
+        Parameters
+        ----------
+        before : Model
+            The model that the known values are of.
+        after : Model
+            The model that the choices are for.
+        """
+        if not self.known:
+            return self, ()
+        old, new, there = _list_sums(before), _list_sums(after), {column.key for column in after.columns}
+        key_of = {key[1]: key for key in old}
+        counts = Counter(key[1] for key in new)
+        lasting, warnings = set(), []
+        for name in self.known:
+            key = key_of.get(name)
+            if key is None or key not in there:
+                continue
+            same = {term: weight for term, weight in old[key].items() if term in there}
+            if counts[name] == 1 and new.get(key) == same:
+                lasting.add(name)
+            else:
+                reason = "another parameter has its name here" if counts[name] > 1 else "its sum has other terms here"
+                warnings.append(f"The known {name} is estimated in this model: {reason}.")
+        return self.keep_known(lasting), tuple(warnings)
 
     def _check_prior(self) -> None:
         # The divergence is a barrier: only an estimator that keeps bodies possible can minimise it.
@@ -290,6 +320,15 @@ class IdentificationChoices(Request):
                 pointer="/known",
                 title=_UNFIT,
             )
+
+
+def _list_sums(model: Model) -> dict[tuple[object, ...], dict[tuple[object, ...], float]]:
+    """Return the terms of each base parameter with their weights, by the keys of the columns."""
+    base, keys = model.base, [column.key for column in model.columns]
+    return {
+        column.key: {keys[k]: round(float(weights[k]), 6) for k in is_written.nonzero()[0]}
+        for column, weights, is_written in zip(model.kept, base.grouping, base.written, strict=True)
+    }
 
 
 @dataclass(frozen=True)

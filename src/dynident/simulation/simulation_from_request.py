@@ -216,22 +216,35 @@ def compute_true_parameters(robot: Robot, request: SimulationRequest, columns: S
     Returns
     -------
     (c,) array
-        Standard parameters in the columns' order; 0 for effects that the virtual robot does not have.
+        Standard parameters in the columns' order; 0 for effects that the virtual robot does not have, NaN where it has
+        the effect with other shape constants or in other runs alone.
     """
     inertias, joints = select_inertias(robot, request.inertias), robot.tree.joint_names
-    acting: dict[tuple[str, str, str], float] = {}
-    for effect in request.effects:
-        for name, value in effect.values:
-            key = (effect.effect, effect.joint, name)
-            acting[key] = acting.get(key, 0.0) + value
     return np.array(
         [
             inertias[joints.index(column.link), INERTIAL_NAMES.index(column.parameter)]
             if get_role(column) == "link"
-            else acting.get((column.effect, column.link, column.parameter), 0.0)
+            else _find_true_value(request.effects, column)
             for column in columns
         ]
     )
+
+
+def _find_true_value(effects: Sequence[TrueEffect], column: Column) -> float:
+    same = [effect for effect in effects if (effect.effect, effect.joint) == (column.effect, column.link)]
+    alike = [effect for effect in same if _has_shape(effect, column)]
+    own = [effect for effect in alike if set(effect.runs) == set(column.runs)]
+    # An effect without runs acts in those of every column.
+    fitting = own or [effect for effect in alike if not effect.runs]
+    if same and not fitting:
+        return math.nan
+    return sum(dict(effect.values).get(column.parameter, 0.0) for effect in fitting)
+
+
+def _has_shape(effect: TrueEffect, column: Column) -> bool:
+    own = {spec.name: spec.default for spec in get_effect(effect.effect).shapes} | dict(effect.shape)
+    # Files keep all digits, but a value that somebody typed need not have them.
+    return all(math.isclose(own[name], value, rel_tol=1e-6) for name, value in column.shape if name in own)
 
 
 def _split_name(robot: Robot, name: str, pointer: str) -> tuple[str, int]:

@@ -268,7 +268,7 @@ class ParameterView(TypedDict):
     """Holds the true value in 95 of 100 cases"""
     judgement: Literal["determined", "uncertain", "zero_in_interval", "held"] | None
     """From its 95 % interval: determined (standard deviation at most a tenth of the value, and mainly from the data),
-    uncertain, or not distinguishable from zero"""
+    uncertain, not distinguishable from zero, or held at a known value"""
     link: str
     name: str
     relative_standard_deviation: float | None

@@ -41,7 +41,8 @@ _LEAST = 1e-5
 # standard deviations. Where the data are so exact that this would be lost in rounding, for so much of their largest
 # weight.
 WEAK, _LEAST_SHARE = 0.03, 1e-6
-# Share of the largest singular value below which a direction cannot be reached under the active constraints.
+# Singular value, of rows of unit length, below which a direction cannot be reached under the active constraints; a
+# share of the largest one where that is larger.
 _NULL = 1e-7
 
 
@@ -206,7 +207,7 @@ class FeasibleProblem:
         except InfeasibleError as error:
             raise DynidentError(
                 f"no physically feasible parameters were found: {error.detail}",
-                pointer="/estimator",
+                pointer="/estimator" if equations is None else "/known",
                 title=error.title,
             ) from error
         # Where no constraint is active, return plain least squares: the semidefinite solver is less exact.
@@ -215,8 +216,7 @@ class FeasibleProblem:
         start: FloatArray = np.zeros(rows.shape[1])
         moving: FloatArray = np.eye(rows.shape[1])
         if equations is not None:
-            start = np.asarray(np.linalg.lstsq(equations.factor, equations.right)[0])
-            moving = compute_null_space(equations.factor)
+            start, moving = equations.solutions
         step = np.linalg.lstsq(rows @ moving, right - rows @ start)[0]
         return replace(constrained, values=np.asarray(start + moving @ step))
 
@@ -237,16 +237,16 @@ class FeasibleProblem:
             return None
         # Base parameters in units of their own size: kg m² and kg would not compare.
         size = np.linalg.norm(self.written, axis=1)
+        moves = np.ones(len(size), dtype=bool) if self.known is None else ~self.known.is_held
         directions, singular, _ = np.linalg.svd(
-            (self.written / size[:, None]) @ compute_null_space(constrained.held), full_matrices=False
+            (self.written / size[:, None])[moves] @ compute_null_space(constrained.held), full_matrices=False
         )
-        reached = singular > _NULL * max(float(singular.max(initial=0.0)), np.finfo(float).tiny)
+        reached = singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)
         if int(np.count_nonzero(reached)) == len(size):
             return None
-        free = directions[:, reached] * size[:, None]
-        if self.known is not None:
-            free[self.known.is_held] = 0.0
-        return np.asarray(free)
+        free = np.zeros((len(size), int(np.count_nonzero(reached))))
+        free[moves] = directions[:, reached] * size[moves, None]
+        return free
 
     def to_standard_parameters(self, constrained: ConstrainedSolution) -> StandardParameters:
         """Return the standard parameters with their standard deviations."""

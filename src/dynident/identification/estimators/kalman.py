@@ -485,12 +485,12 @@ def _list_warnings(
     run: KalmanRun, uncertainty: Statistics, share: float, changing: int, estimated: BoolArray
 ) -> tuple[str, ...]:
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
-    sentences = [
-        f"The Kalman filter used the first {format_percent(share, decimals=0)} of the data for its initial values, and "
-        f"processed {run.times[-1]:.1f} s. Its standard deviations are "
-        f"{np.median(uncertainty.standard_deviations[estimated] / own):.2g} times those of its own covariance "
-        "(median), which assumes that its residuals are white noise of the expected size.",
-    ]
+    whole = f"The Kalman filter used the first {format_percent(share, decimals=0)} of the data for its initial values"
+    sentences = [f"{whole}, and processed {run.times[-1]:.1f} s."]
+    if estimated.any():
+        ratio = np.median(uncertainty.standard_deviations[estimated] / own)
+        sentences[0] += f" Its standard deviations are {ratio:.2g} times those of its own covariance (median), which "
+        sentences[0] += "assumes that its residuals are white noise of the expected size."
     if changing:
         sentences.append(
             f"{changing} parameters still changed by more than a standard deviation over the last "

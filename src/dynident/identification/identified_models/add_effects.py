@@ -15,7 +15,12 @@ from dynident.estimation.residual_errors import compute_t
 from dynident.identification.equations.model_and_data_checks import check_recordings, check_runs, check_temperature
 from dynident.identification.equations.reduced_recordings import reduce_torque, split_friction_tests
 from dynident.identification.identified_models.fit_model import identify_model, is_read_again
-from dynident.identification.identified_models.gravity_from_poses import ACTING_AT_REST, are_poses, identify_poses
+from dynident.identification.identified_models.gravity_from_poses import (
+    ACTING_AT_REST,
+    are_poses,
+    build_model_at_rest,
+    identify_poses,
+)
 from dynident.identification.identified_models.held_out_gain import (
     SURE_T,
     compute_block_squares,
@@ -282,7 +287,11 @@ def _extend_at_rest(
             title="Nothing to add",
         )
     choices = replace(identification.choices, effects=identification.choices.effects + new)
-    grown = identify_poses(identification.model.robot, recordings, validation, choices)
+    robot = identification.model.robot
+    choices, lost = choices.move_known(
+        identification.model, build_model_at_rest(robot, choices.effects, choices.tolerance)
+    )
+    grown = identify_poses(robot, recordings, validation, choices).with_warnings(lost)
     return grown.with_changes(step=LadderStep(identification, added=new))
 
 
@@ -343,7 +352,10 @@ def _add_together(
     if not steps:
         return None, idle, count
     effects = [*accumulate(((choice,) for choice, _ in steps), initial=identification.choices.effects)][1:]
-    choices = [replace(identification.choices, effects=each) for each in effects]
+    choices = [
+        replace(identification.choices, effects=each).move_known(identification.model, model)
+        for each, (_, model) in zip(effects, steps, strict=True)
+    ]
     largest = steps[-1][1]
     share = 0.5 * count / len(added) if largest.needs_load else 0.0
     predicted = identification.estimate.reference
@@ -354,7 +366,7 @@ def _add_together(
         largest,
         recordings,
         validation,
-        choices[-1],
+        choices[-1][0],
         identification.preprocessing,
         predicted,
         scale_progress(progress, share, count / len(added)),
@@ -371,9 +383,9 @@ def _add_together(
             leading = np.eye(largest.n_parameters, model.n_parameters)
             # Shape constants are linearised about the step's own parameters.
             shaped = partial(reduce_with_shapes, model, inputs=inputs, known=identification.in_memory.training)
-            larger = solve_submodel(grown, model, choices[number], leading, shaped)
+            larger = solve_submodel(grown, model, choices[number][0], leading, shaped)
         below = defer(partial(solve_step, number - 1)) if number else identification
-        step = _add_step(larger, LadderStep(below, added=(choice,)))
+        step = _add_step(larger.with_warnings(choices[number][1]), LadderStep(below, added=(choice,)))
         # Without shape constants no step reads a recording, and neither does one below it.
         if list_shape_variables(model.effects) and is_read_again(recordings, grown.in_memory.training):
             _ = step.step.parent, step.data.shaped
@@ -448,6 +460,7 @@ def _identify_with_effects(
     # All new columns were absorbed, so there is nothing to estimate.
     if model.n_parameters == identification.model.n_parameters:
         return None
+    choices, lost = choices.move_known(identification.model, model)
     reference = identification.estimate.reference
     if model.needs_load:
         reference = identification.estimate.next_reference()
@@ -469,7 +482,7 @@ def _identify_with_effects(
         )
         # The second pass predicts loads with the parameters of the first.
         reference = grown.estimate.next_reference()
-    return _add_step(grown, LadderStep(identification, added=new))
+    return _add_step(grown.with_warnings(lost), LadderStep(identification, added=new))
 
 
 def _add_step(identified: Identification, step: LadderStep) -> Identification:

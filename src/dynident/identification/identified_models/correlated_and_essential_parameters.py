@@ -33,6 +33,7 @@ from dynident.estimation.parameter_correlation import (
     find_collinearity,
 )
 from dynident.estimation.parameter_covariance import FEWEST_CLUSTERS, compute_null_space, find_occupied_blocks
+from dynident.identification.description_prior import check_unique
 from dynident.identification.identification_choices import EssentialChoices
 from dynident.identification.identified_models.identification_result import Estimate, Identification
 from dynident.identification.shape_constant_intervals import linearise_shapes
@@ -354,6 +355,8 @@ def compute_test_of_values(identification: Identification, values: Mapping[str, 
         For a parameter that was not estimated, or too few blocks of time.
     """
     names, uncertainty = [column.name for column in identification.model.kept], identification.statistics
+    for name in values:
+        check_unique(name, names, "values")
     tested = [names.index(name) for name in values]
     fixed = [names[k] for k in tested if uncertainty.standard_deviations[k] == 0]
     if fixed:
@@ -418,7 +421,11 @@ def _check_same_knowledge(larger: Identification, smaller: Identification) -> No
     priors = [replace(model.choices.trust, known=()) for model in (larger, smaller)]
     # Its usual error counts for nothing without the description.
     if others or (priors[0] != priors[1] and any(prior.prior for prior in priors)):
-        reason = f"know different values of {', '.join(others)}" if others else "use the description in different ways"
+        reason = (
+            f"know different values or errors of {', '.join(others)}"
+            if others
+            else "use the description in different ways"
+        )
         raise DynidentError(
             f"the models {reason}, so neither is part of the other: identify both with the same, or compare their "
             "errors on held-out data",

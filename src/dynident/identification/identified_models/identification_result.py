@@ -35,7 +35,7 @@ from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.identification.standard_parameters import StandardParameters
 from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.number_format import format_percent
-from dynident.parallel import Deferring, single_threaded
+from dynident.parallel import Deferring, defer, single_threaded
 from dynident.recordings import Preprocessing
 from dynident.regressors.errors_by_phase import compute_moving_errors, select_judged_errors
 from dynident.regressors.model_structure import Model
@@ -448,6 +448,10 @@ class Identification(Deferring):
     def inertia_matrix_positive_definite(self) -> bool:
         """Whether the inertia matrix is positive definite in every posture that was looked at."""
         return self.worst_inertia_eigenvalue > 0
+
+    def with_warnings(self, more: tuple[str, ...]) -> Identification:
+        """Return the model with more warnings before its own."""
+        return self.with_changes(warnings=defer(lambda: more + self.warnings)) if more else self
 
     def ladder(self) -> Iterator[Identification]:
         """Yield the models that led to this one, the first one first."""

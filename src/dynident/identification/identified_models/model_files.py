@@ -53,6 +53,10 @@ from dynident.robot import Robot
 from dynident.robot.description_and_json import robot_from_document, robot_to_document
 from dynident.schema.registry import kind_to_document
 
+_FORMERLY_KNOWN = (
+    "The known {} was used as a standard parameter, as in earlier versions: this model keeps it, but models made from "
+    "it do not. Identify again with the value of the whole sum."
+)
 _INTERVAL_FIELDS = ("upper", "lower", "y", "weights")
 
 
@@ -141,6 +145,7 @@ def _to_arrays(identification: Identification) -> dict[str, Any]:
             "not_essential": estimate.not_essential,
             "carried": [carried.runs for carried in estimate.reference.carried],
             "converged": estimate.solution.converged,
+            "known_sums": True,
             "shape_constants": [asdict(constant) for constant in estimate.shape_constants],
         }
     )
@@ -203,7 +208,7 @@ def _read_carried(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> tuple
 def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Identification:
     """Read one model on top of the one before it."""
     header = json.loads(arrays["header"].tobytes())
-    choices = _read_choices(header["choices"])
+    stored = choices = _read_choices(header["choices"])
     base = _read_base(arrays, header)
     robot, signals = (robot_from_document(header["robot"]), None) if parent is None else _share_mechanics(parent)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance, signals=signals, base=base)
@@ -212,6 +217,11 @@ def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Ide
         check_determined_base(model, arrays, compute_smallest_inertia_eigenvalue(model, arrays["values"]))
     elif tuple(column.name for column in model.columns) != base.names:
         raise other_parameters_error()
+    # Earlier versions knew standard parameters, of which a base parameter may be a sum.
+    if "known_held" not in arrays and not header.get("known_sums", False):
+        alone = [row.sum() == 1 for row in model.base.written]
+        choices = stored.keep_known([column.name for column, one in zip(model.kept, alone, strict=True) if one])
+    lost = tuple(_FORMERLY_KNOWN.format(name) for name in stored.known if name not in choices.known)
     data = _read_data(arrays, header)
     estimate = Estimate.from_solution(
         model,
@@ -230,7 +240,7 @@ def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Ide
         fit=_read_errors(arrays, "fit"),
         held_out=_read_errors(arrays, "held_out") if "held_out_squares" in arrays else None,
         worst_inertia_eigenvalue=float(header["worst_inertia_eigenvalue"]),
-        warnings=tuple(header["warnings"]),
+        warnings=(*lost, *header["warnings"]),
         step=_read_step(header, parent),
     )
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.effects import EffectChoice, ReferenceParameters, get_effect
+from dynident.effects import ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import (
     Errors,
@@ -24,6 +24,7 @@ from dynident.estimation import (
     concatenate_reductions,
     merge_row_groups,
 )
+from dynident.identification.description_prior import check_known
 from dynident.identification.equations.model_and_data_checks import (
     check_joint_torques,
     check_recordings,
@@ -413,7 +414,8 @@ class _FactorsOfModel(GrowingFactors):
         memory: float | None,
     ) -> None:
         check_joint_torques(robot, choices.model, [recording])
-        plain = tuple(choice for choice in choices.effects if _is_plain(choice))
+        # The others need a first fit without them.
+        plain = tuple(e for e in choices.effects if not (get_effect(e.effect).needs_load or lacks_shape(e)))
         check_temperature(plain, [recording], ())
         check_runs(plain, [recording], ())
         marked = mark_unrecorded_torques(robot, [recording])
@@ -422,6 +424,9 @@ class _FactorsOfModel(GrowingFactors):
         self._is_complete = len(plain) == len(choices.effects) and own is choices
         self.choices = replace(own, effects=plain)
         self.model: Model = build_model(marked, plain, tolerance=choices.tolerance)
+        # The other effects have parameters of their own, which are checked once the recording has ended.
+        names = choices.known if plain == choices.effects else [column.name for column in self.model.columns]
+        check_known(self.model, choices.keep_known(names).known)
         inputs = RegressorInputs([recording], preprocessing, ReferenceParameters.massless(marked))
         super().__init__(self.model.observation, self.model.at_rest, inputs, memory)
 
@@ -452,11 +457,6 @@ class _FactorsOfModel(GrowingFactors):
             return None
         rows = CachedRows(self.model.observation, None, self.preprocessing, (recording,), (tuple(self._kept),))
         return RowsInMemory(rows)
-
-
-def _is_plain(choice: EffectChoice) -> bool:
-    """Return whether an effect needs no first fit without it."""
-    return not get_effect(choice.effect).needs_load and not lacks_shape(choice)
 
 
 def _are_equal(first: Preprocessing, second: Preprocessing) -> bool:

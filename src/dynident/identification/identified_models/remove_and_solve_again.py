@@ -70,7 +70,8 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         model, weights = build_submodel(known, choices.effects, choices.tolerance)
         part, data = SubmodelRelation(known, weights), data.combine_columns(weights)
     # The filters are those that the reduced data went through, whatever the choices leave open.
-    chosen = replace(choices.keep_known(model.kept), preprocessing=identification.choices.preprocessing)
+    choices, lost = choices.move_known(known, model)
+    chosen = replace(choices, preprocessing=identification.choices.preprocessing)
     identified = finalise_identification(
         model,
         chosen,
@@ -82,7 +83,8 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         lambda _: combine_shapes(identification, model.effects, None if part is None else part.weights),
     )
     # Rows in memory belong to the columns of the larger model, so a smaller one starts without any.
-    return identified.with_changes(in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
+    in_memory = identification.in_memory if part is None else NONE_IN_MEMORY
+    return identified.with_warnings(lost).with_changes(in_memory=in_memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +314,8 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     remaining = subtract_effects(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=remaining)
     model, weights = build_submodel(known, remaining, choices.tolerance)
-    smaller = solve_submodel(identification, model, choices.keep_known(model.kept), weights)
+    choices, lost = choices.move_known(known, model)
+    smaller = solve_submodel(identification, model, choices, weights).with_warnings(lost)
     return smaller.with_changes(step=LadderStep(identification, removed=tuple(removed)))
 
 

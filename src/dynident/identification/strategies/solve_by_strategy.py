@@ -72,9 +72,9 @@ def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
     """Raise where the prior or the estimator does not go with the strategy, the model or the data."""
     # A prior on sums of parameters ties steps together that are taken one after the other.
     if (choices.prior is not None or choices.known) and not choices.plan.at_once:
-        pointer = "/known" if choices.prior is None else "/prior"
+        pointer, subject = ("/known", "known is") if choices.prior is None else ("/prior", "the prior is")
         raise DynidentError(
-            f"the prior is about sums of parameters, but the {choices.strategy} strategy estimates them one after the "
+            f"{subject} about sums of parameters, but the {choices.strategy} strategy estimates them one after the "
             f"other; choose the global strategy, or leave {pointer[1:]} out",
             pointer=pointer,
             title="Choices that do not fit",
@@ -108,6 +108,8 @@ def _doubt_known(choices: IdentificationChoices, problem: Problem) -> list[str]:
         # Without the known values the data determine too little to contradict them.
         return warnings
     for name, value, error in trust.known:
+        if name not in names:
+            continue
         estimate = float(free.values[names.index(name)])
         deviation = float(certainty.standard_deviations[names.index(name)])
         distance = abs(estimate - value) / float(np.hypot(deviation, error))
