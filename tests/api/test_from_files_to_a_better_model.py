@@ -19,7 +19,7 @@ from dynident import diagnosis, identification
 from dynident.advice import advise
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.simulation import Sensors, Simulated
+from dynident.simulation import ActingEffect, Sensors, Simulated
 
 EIGHT_LINES = """
 import dynident as dy
@@ -304,6 +304,32 @@ def test_a_designed_motion_is_simulated_with_true_parameters_and_identified(robo
     for parameters, words in (({"Fc9": 1.0}, "no standard parameter 'Fc9'"), ([3.0], "give true values by name")):
         with pytest.raises(dy.DynidentError, match=words):
             motion.simulate(parameters)
+
+
+def test_true_parameters_are_those_of_the_same_shape_constants(robot: dy.Robot, runs: dy.Recordings) -> None:
+    joint = robot.joint_names[0]
+    orders, sizes = (3.0, 7.0), (1.0, 0.2)
+    ripples = [dy.EffectChoice("torque_ripple", (joint,), {"k": order}) for order in orders]
+    model = dy.identify(robot, runs, effects=["default", *ripples, f"stribeck@{joint}:vs=0.5,delta=2"])
+    acting = [
+        ActingEffect("torque_ripple", (joint,), {"Ac": size}, {"k": order})
+        for order, size in zip(orders, sizes, strict=True)
+    ]
+    acting.append(ActingEffect("stribeck", (joint,), {"Fst": 8.0}, {"vs": 0.05, "delta": 2.0}))
+    true = model.true_params(request=Simulated(effects=tuple(acting)))
+    of_names = list(zip(true.labels, np.asarray(true), strict=True))
+    assert [value for name, value in of_names if name == "Ac1"] == [1.0, 0.2]
+    assert [value for name, value in of_names if name != "Fst1" and np.isnan(value)] == []
+    assert np.isnan(true["Fst1"])
+
+
+def test_empty_slices_are_shown_and_say_what_they_lack(model: dy.Model, runs: dy.Recordings) -> None:
+    assert repr(model.ladder[:0]).startswith("Ladder(0)")
+    for draw in (model.ladder[:0].plot, dy.compare(model, runs)[:0].plot):
+        with pytest.raises(dy.DynidentError, match="nothing to draw"):
+            draw()
+    with pytest.raises(dy.DynidentError, match=r"no panel 1\.0"):
+        model.plot().draw(Figure().subplots(), panel=1.0)
 
 
 def test_every_panel_is_drawn_on_axes_of_ones_own(model: dy.Model, runs: dy.Recordings) -> None:

@@ -128,6 +128,7 @@ def test_at_standstill_the_residual_is_the_distance_to_static_friction(
 
 def test_rows_go_by_their_names_as_in_pandas(model: dy.Model) -> None:
     assert model.bse.loc["Fc2", "standard_deviation"] == model.bse["Fc2"]
+    assert model.parameters.loc["Fc2", "value"] == model.params["Fc2"]
     assert model.conf_int().loc["Fc2"].tolist() == model.conf_int()["Fc2"].tolist()
     assert model.covariance.loc["Fc1", "Fv1"] == model.covariance["Fc1", "Fv1"]
     assert model.parameters.names == tuple(model.params.keys())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -13,14 +15,18 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_weighted_factor, solve
-from dynident.identification import Identification, IdentificationChoices, identify, reidentify, remove
+from dynident.identification import Identification, IdentificationChoices, extend, identify, reidentify, remove
 from dynident.identification.description_prior import NormalPrior, build_normal_prior, build_prior, split_prior
-from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
+from dynident.identification.identified_models.correlated_and_essential_parameters import (
+    compute_test_of_values,
+    essential_parameters,
+)
 from dynident.identification.identified_models.model_files import from_bytes, to_bytes
+from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import build_model
 from dynident.robot import Robot
-from dynident.robot.pseudo_inertia import estimate_inertia_errors
+from dynident.robot.pseudo_inertia import estimate_inertia_errors, smallest_pseudo_inertia
 
 LINKS = (EffectChoice("rigid_body"),)
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
@@ -388,7 +394,7 @@ def test_choices_are_alike_in_whatever_order_values_are_known():
     ("known", "pointer", "says"),
     [
         ({"known": {"Fc9": 1.0}}, "/known", "no parameter 'Fc9'"),
-        ({"known": {"Fc1": 1.0}, "strategy": "sequential"}, "/known", "global"),
+        ({"known": {"Fc1": 1.0}, "strategy": "sequential"}, "/known", "known is about sums of parameters.*global"),
         ({"known": {"M2": 3.0}}, "/known", "M2 is not a parameter by itself"),
         ({"known": {"M1": 3.0}}, "/known", "M1 is not a parameter by itself: no motion shows it"),
         ({"known": {"Ia3": -0.2}}, "/known", "known Ia3 is -0.2, but no mass"),
@@ -405,3 +411,108 @@ def test_what_cannot_be_known_is_refused(known, pointer, says):
     with pytest.raises(DynidentError, match=says) as raised:
         identify(arm("ur10"), [run()], choices=replace(CHOICES, **{"prior": None, **known}))
     assert raised.value.pointer == pointer
+
+
+def test_feasible_parameters_are_found_beside_any_feasible_value_that_is_known():
+    robot, recording = arm("ur10"), run()
+    choices = replace(CHOICES, prior=None, estimator="feasible")
+    free = identify(robot, [recording], choices=choices)
+    assert smallest_pseudo_inertia(free.estimate.standard.to_inertias(free.model)).min() > -1e-9
+    values = {parameter.name: parameter.value for parameter in free.parameters}
+    for name in ("ZZ1", "MX2", "XX3"):
+        for share in (0.98, 1.0, 1.02):
+            known = {name: share * values[name]}
+            held = identify(robot, [recording], choices=replace(choices, known=known))
+            assert {p.name: p.value for p in held.parameters if p.judgement == "held"} == known
+    with pytest.raises(DynidentError, match="no physically feasible parameters") as raised:
+        identify(robot, [recording], choices=replace(choices, known={"ZZ6": 0.0, "MX6": 1.0}))
+    assert raised.value.pointer == "/known"
+
+
+def test_all_parameters_can_be_known_beside_bounds():
+    robot, recording = arm("ur10"), run()
+    choices = replace(CHOICES, prior=None, estimator="feasible")
+    free = identify(robot, [recording], choices=choices)
+    rest = {p.name: p.value for p in free.parameters if p.effect != "rigid_body"}
+    links = robot.inertias.ravel()
+    truth = np.where(free.model.base.written, free.model.base.grouping, 0.0)[:, : len(links)] @ links
+    # Rotors of 0.2 kg m² are in the sums of links, too; without any the bodies are those of the description.
+    known = {**dict(zip(free.model.base.kept_names, truth.tolist(), strict=True)), **rest}
+    held = identify(robot, [recording], choices=replace(choices, known=known))
+    assert {parameter.judgement for parameter in held.parameters} == {"held"}
+    assert {p.name: p.value for p in held.parameters} == known
+    assert {p.standard_deviation for p in held.parameters} == {0.0}
+    # Values that the user held at zero are no limits that were met.
+    held = identify(robot, [recording], choices=replace(choices, known={"Ia3": 0.0}))
+    assert not any("Held at zero" in warning and "Ia3" in warning for warning in held.warnings)
+
+
+def test_the_kalman_filter_says_nothing_of_deviations_where_all_is_known():
+    robot, recording = arm("ur10"), run(duration=5.0)
+    free = identify(robot, [recording], choices=replace(CHOICES, prior=None))
+    known = {parameter.name: parameter.value for parameter in free.parameters}
+    held = identify(robot, [recording], choices=replace(CHOICES, prior=None, known=known, estimator="ekf"))
+    (sentence,) = (warning for warning in held.warnings if "Kalman" in warning)
+    assert "processed" in sentence
+    assert "nan" not in sentence
+
+
+def test_a_known_sum_is_known_of_models_in_which_it_is_the_same_sum():
+    robot, recording = arm("ur10"), run()
+    effects = tuple(choice for choice in EFFECTS if choice.effect != "rotor_inertia")
+    choices = replace(CHOICES, prior=None, effects=effects, known={"ZZ1": 7.0, "Fc1": 1.5})
+    smaller = identify(robot, [recording], choices=choices)
+    larger = extend(smaller, (EffectChoice("rotor_inertia"),), [recording])
+    assert larger.choices.known == {"Fc1": 1.5}
+    assert larger.warnings[0].startswith("The known ZZ1 is estimated in this model")
+    # A rotor that is taken out counts as zero: the sum is the same.
+    known = {"ZZ1": 7.6, "Fc1": 1.5}
+    whole = identify(robot, [recording], choices=replace(CHOICES, prior=None, known=known))
+    smaller = remove(whole, (EffectChoice("rotor_inertia"),))
+    assert smaller.choices.known == known
+    assert not any("estimated in this model" in warning for warning in smaller.warnings)
+    joint = (robot.joint_names[0],)
+    ripples = [EffectChoice("torque_ripple", joint, (("k", order),)) for order in (3.0, 7.0)]
+    one = replace(CHOICES, prior=None, effects=(*EFFECTS, ripples[0]), known={"Ac1": 0.0})
+    both = extend(identify(robot, [recording], choices=one), (ripples[1],), [recording])
+    assert both.choices.known == {}
+    assert "another parameter has its name" in both.warnings[0]
+    with pytest.raises(DynidentError, match="2 parameters of the model have the name Ac1") as raised:
+        identify(robot, [recording], choices=replace(one, effects=(*EFFECTS, *ripples)))
+    assert raised.value.pointer == "/known"
+    with pytest.raises(DynidentError, match="2 parameters of the model have the name Ac1"):
+        compute_test_of_values(both, {"Ac1": 0.0})
+
+
+def test_what_a_file_of_an_earlier_version_knew_of_parts_of_sums_is_not_taken_for_the_sums():
+    known = {"ZZ1": 7.6, "Fc1": 1.5}
+    identified = identify(arm("ur10"), [run()], choices=replace(CHOICES, prior=None, known=known))
+    assert from_bytes(to_bytes(identified)).choices.known == known
+    with np.load(io.BytesIO(to_bytes(identified))) as file:
+        arrays = {name: file[name] for name in file.files if not name.endswith("known_held")}
+    header = json.loads(arrays["0/header"].tobytes())
+    del header["known_sums"]
+    header["choices"]["known"]["M2"] = 3.0
+    arrays["0/header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    former = io.BytesIO()
+    np.savez(former, **arrays)
+    read = from_bytes(former.getvalue())
+    assert read.choices.known == {"Fc1": 1.5}
+    assert [warning.split(" was ")[0] for warning in read.warnings[:2]] == ["The known ZZ1", "The known M2"]
+    larger = extend(read, (EffectChoice("offset"),), [run()])
+    assert [p.name for p in larger.parameters if p.judgement == "held"] == ["Fc1"]
+
+
+def test_a_recording_under_way_refuses_what_cannot_be_known():
+    robot, recording = arm("ur10"), run()
+    for known, says in (({"Fc9": 3.0}, "no parameter 'Fc9'"), ({"Fc1": -3.0}, "would drive the motion")):
+        live = RecursiveIdentification(robot, replace(CHOICES, prior=None, known=known))
+        with pytest.raises(DynidentError, match=says):
+            live.push(recording)
+    # Parameters of an effect that needs a first fit are in the final model alone.
+    effects = (*EFFECTS, EffectChoice("stribeck", (robot.joint_names[0],)))
+    live = RecursiveIdentification(robot, replace(CHOICES, prior=None, effects=effects, known={"Fst1": 0.0}))
+    live.push(recording)
+    assert live.estimate().estimate is not None
+    (stribeck,) = (parameter for parameter in live.finish().identification.parameters if parameter.name == "Fst1")
+    assert stribeck.judgement == "held"

@@ -133,10 +133,8 @@ def solve_constrained(
     InfeasibleError
         Where no parameters satisfy all constraints, or none could be found.
     """
-    # A common factor on all rows changes no minimiser, but the solver's tolerances are absolute as well as relative.
-    scale = float(np.abs(factor).max(initial=0.0)) or 1.0
     at_least = np.asarray(not_negative, dtype=np.intp)
-    problem = _Problem(factor / scale, right / scale, tuple(matrices), at_least, equations)
+    problem = _Problem(factor, right, tuple(matrices), at_least, equations)
     return problem.describe_solution(problem.solve())
 
 
@@ -174,17 +172,24 @@ class _Problem:
 
     def solve(self) -> FloatArray:
         """Return the solution x (c,)."""
-        r, c = self.factor.shape
+        c = self.factor.shape[1]
         start, moving = (np.zeros(c), np.eye(c)) if self.equations is None else self.equations.solutions
         self._check_settled(start)
         left = [cone.eliminate(start, moving) for cone in self._build_cones()]
         cones = [cone for cone in left if not cone.is_settled]
-        k = moving.shape[1]
+        factor, right = self.factor @ moving, self.right - self.factor @ start
+        # Rows that the equations settle say nothing of w.
+        open_rows = np.linalg.norm(factor, axis=1) >= _SETTLED * np.linalg.norm(self.factor, axis=1)
+        factor, right = factor[open_rows], right[open_rows]
+        # A common factor on all rows changes no minimiser, but the solver's tolerances are absolute as well as
+        # relative.
+        scale = float(np.abs(factor).max(initial=0.0)) or 1.0
+        r, k = factor.shape
         # The residual as a variable of its own: factorᵀfactor would square the condition number.
         quadratic = scipy.sparse.diags(np.concatenate([np.zeros(k), np.ones(r)]), format="csc")
         beside = [np.hstack([cone.factor, np.zeros((len(cone.right), r))]) for cone in cones]
-        rows = scipy.sparse.csc_matrix(np.vstack([np.hstack([self.factor @ moving, -np.eye(r)]), *beside]))
-        rights = np.concatenate([self.right - self.factor @ start, *(cone.right for cone in cones)])
+        rows = scipy.sparse.csc_matrix(np.vstack([np.hstack([factor / scale, -np.eye(r)]), *beside]))
+        rights = np.concatenate([right / scale, *(cone.right for cone in cones)])
         kinds = [clarabel.ZeroConeT(r), *(cone.kind for cone in cones)]
         # A strict tolerance first. Where rounding prevents it, a looser one still gives far more digits than the data
         # have.

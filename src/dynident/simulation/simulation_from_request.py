@@ -242,7 +242,7 @@ def _find_true_value(effects: Sequence[TrueEffect], column: Column) -> float:
 
 
 def _has_shape(effect: TrueEffect, column: Column) -> bool:
-    own = {spec.name: spec.default for spec in get_effect(effect.effect).shapes} | dict(effect.shape)
+    own = get_effect(effect.effect).shape_with_defaults(dict(effect.shape))
     # Files keep all digits, but a value that somebody typed need not have them.
     return all(math.isclose(own[name], value, rel_tol=1e-6) for name, value in column.shape if name in own)
 

@@ -218,7 +218,12 @@ class FeasibleProblem:
         if equations is not None:
             start, moving = equations.solutions
         step = np.linalg.lstsq(rows @ moving, right - rows @ start)[0]
-        return replace(constrained, values=np.asarray(start + moving @ step))
+        plain = np.asarray(start + moving @ step)
+        # The interior-point method may stop short of a limit that least squares lies far beyond.
+        lowest = [float(np.linalg.eigvalsh(bound.evaluate(plain)).min()) for bound in bounds]
+        if min([*plain[self.not_negative], *lowest], default=0.0) < -_NULL:
+            return constrained
+        return replace(constrained, values=plain)
 
     def _build_held_equations(self) -> EqualityConstraints | None:
         """Return the equations of u that hold base parameters at known values."""
