@@ -174,7 +174,7 @@ class _Problem:
         """Return the solution x (c,)."""
         c = self.factor.shape[1]
         start, moving = (np.zeros(c), np.eye(c)) if self.equations is None else self.equations.solutions
-        self._check_settled(start)
+        self._check_determined(start)
         left = [cone.eliminate(start, moving) for cone in self._build_cones()]
         cones = [cone for cone in left if not cone.is_settled]
         factor, right = self.factor @ moving, self.right - self.factor @ start
@@ -209,19 +209,23 @@ class _Problem:
             )
         return np.asarray(start + moving @ np.asarray(answer.x)[:k])
 
-    def _check_settled(self, start: FloatArray) -> None:
+    def _check_determined(self, start: FloatArray) -> None:
         """Raise where equations contradict one another, or a bound on what they determine wholly."""
         if self.equations is None:
             return
         gap = np.abs(self.equations.factor @ start - self.equations.right).max(initial=0.0)
         if gap > _ACCEPTED * max(1.0, float(np.abs(self.equations.right).max(initial=0.0))):
             raise _contradiction_error()
-        lowest = [np.linalg.eigvalsh(m.evaluate(start)).min() for m in self.matrices if self.settled[m.columns].all()]
-        if np.any(start[self.at_least][self.settled[self.at_least]] < -_HELD) or np.any(np.array(lowest) < -_HELD):
+        lowest = [
+            np.linalg.eigvalsh(m.evaluate(start)).min() for m in self.matrices if self.is_determined[m.columns].all()
+        ]
+        if np.any(start[self.at_least][self.is_determined[self.at_least]] < -_HELD) or np.any(
+            np.array(lowest) < -_HELD
+        ):
             raise _contradiction_error()
 
     @cached_property
-    def settled(self) -> BoolArray:
+    def is_determined(self) -> BoolArray:
         """Which unknowns (c,) the equations determine by themselves."""
         if self.equations is None:
             return np.zeros(self.factor.shape[1], dtype=bool)
@@ -247,12 +251,12 @@ class _Problem:
         """Return the solution with the constraints that are active in it."""
         c = len(values)
         # Where equations alone determine a parameter no bound holds it.
-        zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD and not self.settled[index])
+        zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD and not self.is_determined[index])
         # An equation always holds the solution; a bound only where it is met.
         rows = ([] if self.equations is None else list(self.equations.factor)) + list(np.eye(c)[list(zeros)])
         edges = []
         for place, bound in enumerate(self.matrices):
-            if self.settled[bound.columns].all():
+            if self.is_determined[bound.columns].all():
                 continue
             of_matrix = _find_held_directions(bound, values)
             edges += [place] if of_matrix else []

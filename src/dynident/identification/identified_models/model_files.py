@@ -220,7 +220,9 @@ def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Ide
     # Earlier versions knew standard parameters, of which a base parameter may be a sum.
     if "known_held" not in arrays and not header.get("known_sums", False):
         alone = [row.sum() == 1 for row in model.base.written]
-        choices = stored.keep_known([column.name for column, one in zip(model.kept, alone, strict=True) if one])
+        choices = stored.keep_known(
+            [column.name for column, is_alone in zip(model.kept, alone, strict=True) if is_alone]
+        )
     lost = tuple(_FORMERLY_KNOWN.format(name) for name in stored.known if name not in choices.known)
     data = _read_data(arrays, header)
     estimate = Estimate.from_solution(

@@ -354,9 +354,9 @@ def find_stated_rate(start: bytes, n_lines: int) -> float | None:
     """Return the Hz that the lines above the rows say in words, such as "Sampling rate: 250 Hz"; None without."""
     rates = set()
     for line in start.decode("utf-8-sig", errors="replace").splitlines()[:n_lines]:
-        said = line[:_LONGEST_REMARK].replace(",", ".")
-        rates |= {float(rate[1]) * _UNITS_OF_RATES[rate[2].casefold()] for rate in _RATE.finditer(said)}
-        periods = ((float(period[1]), _UNITS_OF_RATES[period[2].casefold()]) for period in _PERIOD.finditer(said))
+        remark = line[:_LONGEST_REMARK].replace(",", ".")
+        rates |= {float(rate[1]) * _UNITS_OF_RATES[rate[2].casefold()] for rate in _RATE.finditer(remark)}
+        periods = ((float(period[1]), _UNITS_OF_RATES[period[2].casefold()]) for period in _PERIOD.finditer(remark))
         rates |= {per_second / length for length, per_second in periods if length > 0.0}
         rates |= {1.0 / step for step in _read_increments(line) if step > 0.0}
     return rates.pop() if len(rates) == 1 and all(_SLOWEST <= rate <= _FASTEST for rate in rates) else None
