@@ -112,6 +112,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a format of a table": (lambda d: d["model"].parameters.to_frame(librari="pandas"), "did you mean .library"),
     "no states": (lambda d: d["model"].predict(*np.zeros((3, 0, 4))), "q is empty; give one state or more"),
     "no postures": (lambda d: d["model"].mass_matrix(np.zeros((0, 4))), "q is empty"),
+    "recordings to follow": (lambda d: next(dy.follow(d["robot"], d["runs"])), "dictionaries of arrays t, q and tau"),
     "rows to use": (lambda d: d["read"](mask=[True]), "windows="),
     "a step of too few joints": (lambda d: d["model"].predictor().step(Q[:2], Q[:2], Q[:2]), "one value a joint"),
     "a folder of recordings": (lambda d: dy.read_recordings(d["folder"], robot=d["robot"]), "is a folder"),

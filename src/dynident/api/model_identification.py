@@ -15,7 +15,7 @@ from dynident.api.effect_arguments import resolve_effects
 from dynident.api.model import NO_RECORDINGS, Model
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.effects import EffectChoice, UnknownEffectError
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_value
 from dynident.identification import Identification, IdentificationChoices, from_bytes
 from dynident.identification import identify as identify_parameters
 from dynident.identification.equations.reduced_recordings import split_friction_tests
@@ -128,10 +128,7 @@ class _GrowingArrays:
 
     def append(self, block: Mapping[str, ArrayLike]) -> None:
         """Append a block of rows, evenly sampled; where time is missing a new segment begins."""
-        unknown = set(block) - {"t", "q", "tau", "temperature"}
-        missing = {"t", "q", "tau"} - set(block)
-        if unknown or missing:
-            raise _block_error(f"it has {', '.join(sorted(map(str, block)))}; give t, q, tau, and temperature if known")
+        _check_names(block)
         if self._blocks and ("temperature" in block) != (self._blocks[0].temperature is not None):
             raise _block_error("temperature is in some blocks and not in others; give it in all, or in none")
         try:
@@ -193,6 +190,13 @@ _FEWEST_FIRST = 10
 """Rows of the first block, at least: their median step is the sampling period."""
 _OFF_RATE = 0.2
 """Share by which the usual step of ten rows may differ from the sampling period: those of a shaky clock differ so."""
+
+
+def _check_names(block: object) -> None:
+    if not isinstance(block, Mapping):
+        raise _block_error(f"it is {describe_value(block)}; give dictionaries of arrays t, q and tau")
+    if not {"t", "q", "tau"} <= set(block) <= {"t", "q", "tau", "temperature"}:
+        raise _block_error(f"it has {', '.join(sorted(map(str, block)))}; give t, q, tau, and temperature if known")
 
 
 def _block_error(detail: str) -> DynidentError:
