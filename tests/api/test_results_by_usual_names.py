@@ -312,6 +312,10 @@ def test_several_values_are_tested_at_once(model: dy.Model, robot: dy.Robot, run
     assert model.wald_test(estimates).f_value == pytest.approx(0.0, abs=1e-12)
     one = model.wald_test({"Fc2": 3.3})
     assert one.f_value == pytest.approx(((model.params["Fc2"] - 3.3) / model.bse["Fc2"]) ** 2)
+    # One value contradicts the data exactly where its interval ends.
+    off = model.params["Fc2"] + 2.0 * model.bse["Fc2"]
+    _, end = model.conf_int(1.0 - model.wald_test({"Fc2": off}).p_value)["Fc2"]
+    assert end == pytest.approx(off, rel=1e-9)
     # Hotelling's T² by its formula, with the blocks of time as samples.
     names, blocks = list(estimates), int(find_occupied_blocks(model.identification.data.equations).sum())
     shift = 2.0 * np.array([model.bse[name] for name in names])

@@ -39,6 +39,10 @@ def test_the_samples_of_a_recording_are_those_of_its_file(desk: Path, runs: dy.R
     np.testing.assert_allclose(frame.q_elbow, file.q2)
     np.testing.assert_allclose(frame.tau_elbow, file.tau2)
     assert "dq_elbow" not in frame
+    # A frame holds all samples, also those outside of the windows.
+    half = dy.revise(runs["run1"], windows=[(0.0, 5.0)]).to_frame()
+    assert len(half) == 2000
+    assert set(half.t[half.used]) == set(frame.t[frame.t <= 5.0])
 
 
 def test_units_of_samples_are_those_of_the_joints(runs: dy.Recordings, motion: dy.DesignedMotion) -> None:

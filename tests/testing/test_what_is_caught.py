@@ -51,6 +51,11 @@ class Stranger(Good):
         return signals.dq[j] * ca.SX.sym("gain")
 
 
+class Loaded(Good):
+    def torque(self, signals, j):
+        return signals.load[j] * signals.dq[j]
+
+
 class Infinite(Good):
     def torque(self, signals, j):
         return signals.dq[j] / ca.fabs(signals.dq[j])
@@ -121,6 +126,7 @@ class Moody(Good):
     [
         (Nameless, "does not define its signature"),
         (Stranger, "depend on gain"),
+        (Loaded, "predicted torque .signals.load.; state needs_load = True"),
         (Infinite, "are not finite everywhere .standstill included"),
         (Driving, "its column drives the motion"),
         (Short, "sit on"),

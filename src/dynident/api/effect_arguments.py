@@ -150,9 +150,10 @@ def register(effect: AnyEffect) -> AnyEffect:
     effect : subclass of Effect, or an instance of one
         Its `columns(signals, joints, shape)` returns one `self._column(signals, spec, joint, torque, shape)` for each
         joint and parameter: the torque, N m or N, that a parameter of 1 causes. `signals` has symbols of CasADi, not
-        arrays: `signals.q`, `dq`, `ddq`, `sign` (of dq) and `temperature` are columns (n, 1) with one entry for each
-        joint of the robot, `signals.time` is one symbol, and `signals.dq[j]` is that of joint j. There is no axis of
-        time, and `len` and NumPy's functions do not work on them: write `casadi.sin(signals.q[j])`,
+        arrays: `signals.q`, `dq`, `ddq`, `sign` (of dq), `temperature` and `load` (the torque that the links are
+        predicted to put on the joint, N m or N; with `needs_load = True` in the class) are columns (n, 1) with one
+        entry for each joint of the robot, `signals.time` is one symbol, and `signals.dq[j]` is that of joint j. There
+        is no axis of time, and `len` and most functions of NumPy fail on them: write `casadi.sin(signals.q[j])`,
         `signals.sign[j]`, `casadi.if_else(signals.dq[j] > 0.1, 1, 0)`. `joints` are numbers of joints, and `shape` has
         the shape constants by name.
         Registering another one of the same id replaces it, so that a cell can be run again.

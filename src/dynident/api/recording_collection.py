@@ -65,7 +65,7 @@ class CheckedRecording(Framed):
     `to_frame` has a row for each stored sample, in order of time within each segment, none of it filtered: t (s),
     segment (its label), q_<joint> (rad, m where it slides), tau_<joint> (N m, N); where the file has them dq_<joint>
     (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint> (degC) and base_fx to base_mz (N,
-    N m).
+    N m); and used, whether the sample lies in the windows.
 
     Parameters
     ----------
@@ -131,9 +131,11 @@ class CheckedRecording(Framed):
         return join_figures([draw_recording(self.recording, slides)], f"recording {self.name}")
 
     def _read_samples(self) -> StoredSamples:
-        return load_stored_samples(
+        samples = load_stored_samples(
             self.recording, () if self.robot is None else [joint.kind for joint in self.robot.joints]
         )
+        used = self.recording.inside_windows(np.asarray(samples.columns["t"], dtype=np.float64))
+        return replace(samples, columns={**samples.columns, "used": used})
 
     def __repr__(self) -> str:
         n_findings = len(self.findings)

@@ -263,6 +263,16 @@ def _check_columns(effect: Effect, states: EffectStates, possible: tuple[int, ..
         f"Signals and "
         "shape constants alone, or the torque would not be linear in the parameters",
     )
+    stacked = ca.vertcat(*(column.torque for column in states.columns))
+    for flag, signal, words in (
+        ("needs_load", states.signals.reference, "predicted torque (signals.load)"),
+        ("needs_temperature", states.signals.temperature, "temperature"),
+    ):
+        # Without the flag nobody would give the values: the columns would be those of a load of zero.
+        require(
+            getattr(effect, flag) or not ca.depends_on(stacked, signal),
+            f"the columns of {effect.id} depend on the {words}; state {flag} = True in the class",
+        )
     bad = [c.name for k, c in enumerate(states.columns) if not np.isfinite(states.torque[:, :, k]).all()]
     require(not bad, f"columns {', '.join(bad)} of {effect.id} are not finite everywhere (standstill included)")
     require(states.torque.any(), f"all columns of {effect.id} are zero everywhere")

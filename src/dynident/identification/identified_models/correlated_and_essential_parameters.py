@@ -367,7 +367,11 @@ def compute_test_of_values(identification: Identification, values: Mapping[str, 
         )
     difference = identification.values[tested] - np.array(list(values.values()), dtype=np.float64)
     covariance = uncertainty.covariance[np.ix_(tested, tested)]
-    return _test_conditions(identification, difference, covariance, float(uncertainty.freedom[tested].min()))
+    freedom = float(uncertainty.freedom[tested].min())
+    if len(tested) == 1:
+        # With the degrees of freedom of its interval: the two must not contradict each other.
+        return compute_wald_test(difference, covariance, freedom)
+    return _test_conditions(identification, difference, covariance, freedom)
 
 
 def _test_conditions(
