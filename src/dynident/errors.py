@@ -201,7 +201,6 @@ ELSEWHERE: Mapping[str, str] = {
     "values": "to_frame().values",
     "plot": "to_frame().plot(…)",
     "rows": "n_samples or to_frame()",
-    "sampling_rate": "recording.sampling_rate",
     "shape": "n_samples or to_frame().shape",
     "columns": "to_frame().columns",
     "iloc": "to_frame().iloc",

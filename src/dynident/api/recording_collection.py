@@ -93,6 +93,11 @@ class CheckedRecording(Framed):
         return self.recording.n_samples
 
     @property
+    def sampling_rate(self) -> float:
+        """Samples per second, Hz."""
+        return self.recording.sampling_rate
+
+    @property
     def findings(self) -> tuple[Check, ...]:
         """The checks that found something."""
         return tuple(check for check in self.checks if check.status != "ok")

@@ -366,10 +366,9 @@ def compute_test_of_values(identification: Identification, values: Mapping[str, 
             title="Not estimated",
         )
     difference = identification.values[tested] - np.array(list(values.values()), dtype=np.float64)
-    covariance = uncertainty.covariance[np.ix_(tested, tested)]
-    freedom = float(uncertainty.freedom[tested].min())
+    covariance, freedom = uncertainty.covariance[np.ix_(tested, tested)], float(uncertainty.freedom[tested].min())
+    # One value is tested as its interval is: the two must not contradict each other.
     if len(tested) == 1:
-        # With the degrees of freedom of its interval: the two must not contradict each other.
         return compute_wald_test(difference, covariance, freedom)
     return _test_conditions(identification, difference, covariance, freedom)
 
@@ -493,10 +492,8 @@ def _solve_essential(
     equations: Reduction, full: Solution, essential: NDArray[np.intp], covariance: CovarianceName
 ) -> tuple[Solution, Statistics]:
     """Solve for the essential parameters alone, numbered in `essential`."""
-    known = full.known
-    if known is not None:
-        # Parameters that are set to zero drop out of the rows of the prior as well.
-        known = known.select_columns(essential)
+    # Parameters that are set to zero drop out of the rows of the prior as well.
+    known = None if full.known is None else full.known.select_columns(essential)
     smaller = equations.select_columns(essential)
     solution = solve(smaller, full.noise, known)
     return solution, statistics(smaller, solution, covariance)
