@@ -13,6 +13,7 @@ from dynident.export import export_model
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording
 from dynident.robot import Robot
+from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
 from dynident.robot.robot_model import INERTIAL_NAMES
 
 ROBOT = arm("ur10")
@@ -84,9 +85,11 @@ def test_links_of_a_description_that_cannot_exist_may_have_the_parameters_of_oth
     recording = run(1, 1e-3, crooked)
     plain, same = identify(crooked, [recording], choices=PLAIN), identify(crooked, [recording], choices=AUTO)
     np.testing.assert_array_equal(same.values, plain.values)
-    np.testing.assert_allclose(
-        same.model.base.grouping @ same.estimate.standard.values, same.values, atol=1e-6 * np.abs(same.values).max()
-    )
+    # The data say nothing of these links but their sums, and the solver of bounds is less exact than least squares.
+    gap = same.model.base.grouping @ same.estimate.standard.values - same.values
+    assert np.abs(gap / same.statistics.standard_deviations).max() < 0.01
+    links = [k for k, column in enumerate(same.model.columns) if get_role(column) == "link"]
+    assert smallest_pseudo_inertia(same.estimate.standard.values[links].reshape(-1, 10)).min() >= 0.0
 
 
 def test_a_fit_of_bodies_that_can_exist_is_known_as_one_however_small_its_deviations_are() -> None:
