@@ -112,6 +112,14 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a format of a table": (lambda d: d["model"].parameters.to_frame(librari="pandas"), "did you mean .library"),
     "no states": (lambda d: d["model"].predict(*np.zeros((3, 0, 4))), "q is empty; give one state or more"),
     "no postures": (lambda d: d["model"].mass_matrix(np.zeros((0, 4))), "q is empty"),
+    "a goal for the request of a campaign": (
+        lambda d: dy.Campaign(d["robot"], request={"error": 0.03}),  # type: ignore[arg-type]
+        r"give dy\.CampaignRequest\(error=0\.03\)",
+    ),
+    "minutes with their unit": (
+        lambda d: dy.Campaign(d["robot"], minutes="5 min"),  # type: ignore[arg-type]
+        "minutes is '5 min'; give a number of minutes",
+    ),
     "recordings to follow": (lambda d: next(dy.follow(d["robot"], d["runs"])), "dictionaries of arrays t, q and tau"),
     "rows to use": (lambda d: d["read"](mask=[True]), "windows="),
     "a step of too few joints": (lambda d: d["model"].predictor().step(Q[:2], Q[:2], Q[:2]), "one value a joint"),

@@ -394,7 +394,11 @@ def test_choices_are_alike_in_whatever_order_values_are_known():
     ("known", "pointer", "says"),
     [
         ({"known": {"Fc9": 1.0}}, "/known", "no parameter 'Fc9'"),
-        ({"known": {"Fc1": 1.0}, "strategy": "sequential"}, "/known", "known is about sums of parameters.*global"),
+        (
+            {"known": {"Fc1": 1.0}, "strategy": "sequential"},
+            "/known",
+            "known values are held while all parameters.*global",
+        ),
         ({"known": {"M2": 3.0}}, "/known", "M2 is not a parameter by itself"),
         ({"known": {"M1": 3.0}}, "/known", "M1 is not a parameter by itself: no motion shows it"),
         ({"known": {"Ia3": -0.2}}, "/known", "known Ia3 is -0.2, but no mass"),

@@ -483,9 +483,9 @@ def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, e
 def _predict_end(state: CampaignState, measure: ErrorMeasure, planned: PlannedRun) -> FloatArray:
     """Return the errors (k,) once the last motion, or all so far, were repeated in the time and runs that are left."""
     assert state.identification is not None
-    left = min(state.seconds_left, (state.request.runs - len(state.runs)) * (duration := planned.design.duration))
-    again = predict_errors(state.identification, measure, planned.design, state.recordings[-1], left / duration)
-    all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + left))
+    count = min(state.seconds_left / planned.design.duration, state.request.runs - len(state.runs))
+    again = predict_errors(state.identification, measure, planned.design, state.recordings[-1], count)
+    all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + count * planned.design.duration))
     return np.asarray(np.hypot(np.minimum(again, all_again), state.runs[-1].lacking))
 
 

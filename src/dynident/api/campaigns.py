@@ -76,6 +76,7 @@ class Campaign(Framed):
     'next_run'
     """
 
+    @check_arguments
     def __init__(
         self,
         robot: Robot,

@@ -383,16 +383,16 @@ class PlainText(str):
 
 @dataclass(frozen=True)
 class FTest:
-    """Result of the F test of a model against a smaller one.
+    """Result of an F test: of a model against a smaller one, or of values of its parameters.
 
     Parameters
     ----------
     f_value : float
         The statistic.
     p_value : float
-        Probability that noise alone makes it as large, if the smaller model holds.
+        Probability that noise alone makes it as large, if the smaller model, or the values, are right.
     df_diff : int
-        Number of conditions by which the models differ.
+        Number of conditions that are tested.
     df_resid : float
         Degrees of freedom with which the residual's variance is known.
     """

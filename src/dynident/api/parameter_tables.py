@@ -404,7 +404,9 @@ class ParameterStatistics(CheckedResult):
 
         It takes the estimates and their covariance as they are. A covariance by blocks of time (the default) is itself
         estimated from as many samples as there are blocks: the test is then Hotelling's T², with as many degrees of
-        freedom as blocks leave, and it needs more blocks than parameters that are tested.
+        freedom as blocks leave, and it needs more blocks than parameters that are tested. A single value is tested as
+        its interval is (`conf_int`). The test holds for a model that lacks nothing: a missing effect moves estimates,
+        too.
 
         Parameters
         ----------

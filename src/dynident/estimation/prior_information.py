@@ -13,6 +13,8 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 # Smallest eigenvalue of a correlation matrix that is taken at its word: below it rounding decides.
 _FLAT = 1e-12
 
+# Weight of what is certain, as a multiple of all data: half of the digits, which leaves the other half to the other
+# columns.
 _CERTAIN = 1e8
 
 

@@ -72,9 +72,11 @@ def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
     """Raise where the prior or the estimator does not go with the strategy, the model or the data."""
     # A prior on sums of parameters ties steps together that are taken one after the other.
     if (choices.prior is not None or choices.known) and not choices.plan.at_once:
-        pointer, subject = ("/known", "known is") if choices.prior is None else ("/prior", "the prior is")
+        pointer, subject = "/prior", "the prior is about sums of parameters"
+        if choices.prior is None:
+            pointer, subject = "/known", "known values are held while all parameters are estimated at once"
         raise DynidentError(
-            f"{subject} about sums of parameters, but the {choices.strategy} strategy estimates them one after the "
+            f"{subject}, but the {choices.strategy} strategy estimates them one after the "
             f"other; choose the global strategy, or leave {pointer[1:]} out",
             pointer=pointer,
             title="Choices that do not fit",
