@@ -118,6 +118,8 @@ def test_no_step_is_best_where_filters_differ(robot: dy.Robot, runs: dy.Recordin
     other = dy.identify(robot, runs[:1], validation=runs[1:], filters=dy.Filters(torque_cutoff=4.0, decimation=9))
     assert not any(dy.Ladder((model, other)).to_table()["best"])
     assert "best" not in repr(dy.Ladder((model, other)))
+    assert "errors cannot be compared" in repr(dy.Ladder((model, other)))
+    assert "cannot be compared" not in repr(dy.Ladder((model, model)))
     assert other.filters.reasons[-1].startswith("Given by the request")
     assert not any(reason.startswith(("Torque", "Decimation")) for reason in other.filters.reasons)
 

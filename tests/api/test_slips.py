@@ -59,6 +59,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a tuple for windows": (lambda d: d["read"](windows=(1, 5)), r"windows is \(1, 5\); give pairs"),
     "a window of metadata": (lambda d: dy.RecordingMetadata(windows=(1, 5)), r"windows\[0\] is 1; give 2 values"),
     "a number as a name": (lambda d: dy.IdentificationChoices(known={1: 2.0}), "a key of known is 1; give a text"),
+    "truth for a number": (lambda d: d["model"].wald_test({"Fc1": True}), "give values by the names"),
     "no number to test": (lambda d: d["model"].wald_test({"Fc1": float("nan")}), "give values by the names"),
     "a window backwards": (lambda d: d["read"](windows=[(5, 1)]), "end must be later"),
     "a list for a model": (lambda d: dy.diagnose([d["model"]]), "model is .*; give one model"),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Note
 from dynident.export import ExportedFile, ExportFormat, export_model, model_to_document
 from dynident.identification import Identification, IdentificationChoices, IdentifiedParameter
 from dynident.identification.equations.reduced_recordings import split_friction_tests
@@ -193,8 +193,17 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement
         )
         for use in verdict.uses
     ]
-    tables = show_tables(build_verdict_tables(verdict))
-    return to_view(wire.VerdictView, verdict, uses=uses, stop=stop, common=common, tables=tables)
+    sentences = [*(use.reason for use in verdict.uses), *verdict.next_steps]
+    quoted = [remedy for sentence in sentences if isinstance(sentence, Note) for remedy in sentence.remedies]
+    return to_view(
+        wire.VerdictView,
+        verdict,
+        uses=uses,
+        stop=stop,
+        common=common,
+        remedies=show_remedies(quoted),
+        tables=show_tables(build_verdict_tables(verdict)),
+    )
 
 
 def _measurement_id(measurements: Mapping[str, OpenedMeasurement], name: str) -> str:

@@ -461,3 +461,4 @@ class VerdictView(WithTables):
     )
     mass: float | None = Field(default=None, description="Smallest load at the tool that is visible, kg; null: unknown")
     next_steps: list[str] = Field(description="What to do about the error, the usually cheapest first")
+    remedies: list[RemedyView] = Field(default=[], description="Those that reasons of uses and next steps quote")

@@ -422,7 +422,8 @@ class Ladder(Items[Model], Framed):
         )
 
     def __repr__(self) -> str:
-        return self._table().to_text(f"Ladder({len(self.items)})")
+        table = self._table()
+        return "\n".join([table.to_text(f"Ladder({len(self.items)})"), *table.notes])
 
     def _repr_html_(self) -> str:
         table = self._table()

@@ -454,4 +454,4 @@ class ParameterStatistics(CheckedResult):
 
 
 def _is_finite(number: object) -> bool:
-    return isinstance(number, Real) and math.isfinite(number)
+    return isinstance(number, Real) and not isinstance(number, bool) and math.isfinite(number)

@@ -63,12 +63,19 @@ def list_steps(identification: Identification) -> list[Step]:
     return [make_step(model) for model in identification.ladder()]
 
 
+_NOT_COMPARABLE = "The models have different filters or held-out recordings: their errors cannot be compared."
+
+
+def _have_same_task(steps: Sequence[Step]) -> bool:
+    return all(step.task == steps[0].task for step in steps)
+
+
 def find_best(steps: Sequence[Step]) -> BestStep | None:
     """Return which step of a ladder predicts held-out data best.
 
     None where one of them has no held-out error, or its own recordings or filters.
     """
-    if any(step.task != steps[0].task for step in steps):
+    if not _have_same_task(steps):
         return None
     totals = [step.held_out.relative_total for step in steps if step.held_out is not None]
     known = [total for total in totals if total is not None]
@@ -107,7 +114,7 @@ def build_ladder_table(steps: Sequence[Step], joints: Sequence[str]) -> Reported
     )
     columns = ("model", "change", "parameters", "fit", "held out", "held out, all rows", "on held-out data")
     title = "Ladder of models: relative error where joints move, and on all rows"
-    sentence = describe_best_step(best, len(steps))
+    sentence = describe_best_step(best, len(steps)) if _have_same_task(steps) else _NOT_COMPARABLE
     marked_rows = () if best is None or len(steps) < 2 else (best.best,)
     return ReportedTable(
         title, columns, rows, 2, notes=(sentence,) if sentence else (), name="ladder", marked_rows=marked_rows

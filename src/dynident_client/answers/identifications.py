@@ -464,6 +464,8 @@ class VerdictView(TypedDict):
     """Smallest load at the tool that is visible, kg; null: unknown"""
     next_steps: list[str]
     """What to do about the error, the usually cheapest first"""
+    remedies: list[RemedyView]
+    """Those that reasons of uses and next steps quote"""
     stop: StopView | None
     """Why it must not be used at all; null if it may be used"""
     summary: str

@@ -29,13 +29,14 @@ export function verdictSection(model, signal) {
 function judged(found, robot) {
   const fit = !found.stop && found.uses.every((one) => one.state === "yes");
   const { uses, drift } = byName(found);
+  const words = (sentence) => inPageWords(sentence, found.remedies);
   return [
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, inPageWords(found.summary, found.stop?.remedies))),
     // After a gross fault the uses mean nothing.
-    uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot))) : null,
+    uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot, words))) : null,
     h("div", { id: "drift" }, foldedTable(drift), found.drift && !found.stop ? driftFigure(found.drift) : null),
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
-    found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
+    found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, words(one))))) : null,
   ];
 }
 
@@ -50,10 +51,10 @@ function goOn(action, robot) {
   return PAGES[action] ? h("a", { href: address({ view: PAGES[action], robot }) }, "Do it here") : null;
 }
 
-function useLine({ use, next_action }, [name, fit, reason, next], robot) {
+function useLine({ use, next_action }, [name, fit, reason, next], robot, words) {
   const chip = h("span", { class: `chip verdict ${LOOKS[fit.mark]}` }, fit.text);
   return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, name.text), chip),
-    h("div", { class: "reason" }, h("p", {}, reason.text), h("p", { class: "note" }, `Next: ${next.text} `, goOn(next_action, robot))));
+    h("div", { class: "reason" }, h("p", {}, words(reason.text)), h("p", { class: "note" }, `Next: ${next.text} `, goOn(next_action, robot))));
 }
 
 /** A gross fault lies in the data; else what is missing comes before whether the rest is to be trusted. */
