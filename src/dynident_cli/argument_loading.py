@@ -19,13 +19,14 @@ from dynident.errors import DynidentError
 from dynident.identification.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import RecordingError, RecordingMetadata
+from dynident.recordings.columns_to_signals import UNKNOWN_COLUMNS
 from dynident.recordings.file_names_and_digests import make_unique_names
 from dynident.robot import Robot
 from dynident.robot.description_and_json import set_base
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_cli import option_parsers
-from dynident_cli.command_output import show_progress_bar
-from dynident_cli.metadata_files import StatedAnswers, accept_proposal, read_metadata
+from dynident_cli.command_output import message_console, show_progress_bar
+from dynident_cli.metadata_files import StatedAnswers, accept_proposal, describe_columns, read_metadata
 from dynident_cli.option_parsers import check_readable
 from dynident_cli.request_options import write_option
 from dynident_cli.shared_options import RobotAdditions, TimedReading
@@ -95,10 +96,15 @@ def load_recordings(
     """Read and check measurement files; see `read_recordings`."""
     # Options and metadata files are read before the first recording, which may take minutes.
     metadata = _list_metadata(paths, robot, reading, friction)
+    if reading.as_proposed:
+        _tell_columns(metadata)
     files = [SourceFile(path, stated.name) for path, stated in zip(paths, metadata, strict=True)]
     try:
         return read_files(files, robot, metadata, cure=reading.cure, write_remedy=write_option, progress=progress)
     except RecordingError as error:
+        # A file of another logger is read as proposed; where a question is open, that is the error.
+        if error.title == UNKNOWN_COLUMNS and reading.as_proposed is None:
+            return load_recordings(paths, robot, replace(reading, as_proposed=True), progress, friction)
         _add_remedies(error, reading)
         raise
 
@@ -135,14 +141,22 @@ def _list_metadata(
     return metadata_of_files
 
 
+def _tell_columns(metadata: Sequence[RecordingMetadata]) -> None:
+    """Print which columns were taken as what, once for files that have the same."""
+    names_by_columns: dict[str, list[str]] = {}
+    for stated in metadata:
+        names_by_columns.setdefault(describe_columns(stated), []).append(stated.name or "")
+    for columns, names in names_by_columns.items():
+        message_console().print(f"Columns of {', '.join(names)} as proposed: {columns}", soft_wrap=True)
+
+
 def _add_remedies(error: RecordingError, reading: TimedReading) -> None:
     """Name the options that might help: only the command line knows them."""
     refused = [check for check in error.checks if check.status == "error"]
     # An error without a cure stays, whatever is corrected besides it.
     if not reading.cure and refused and refused[0].apply is not None:
         error.detail += " Or let dynident correct it: --cure."
-    # Only where columns can still be proposed: neither stated in a file nor proposed already.
-    if error.title == "Missing column" and not reading.metadata and not reading.as_proposed:
+    if error.title == UNKNOWN_COLUMNS and reading.as_proposed is False:
         error.detail += " Or let dynident propose the columns from names and content: --as-proposed."
 
 

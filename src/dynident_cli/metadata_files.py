@@ -178,6 +178,19 @@ def accept_proposal(
     )
 
 
+def describe_columns(metadata: RecordingMetadata) -> str:
+    """Return which columns are taken as what: "t: Time (ms); q: A1.pos … A7.pos (deg)"."""
+    columns_by_kind: dict[str, list[str]] = {}
+    for signal, column in metadata.columns.items():
+        columns_by_kind.setdefault(_signal_kind(signal), []).append(column)
+    parts = []
+    for kind, columns in columns_by_kind.items():
+        unit = metadata.units.get(kind)
+        span = columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
+        parts.append(f"{kind}: {span}{f' ({unit})' if unit else ''}")
+    return "; ".join(parts)
+
+
 def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
     """Read metadata files, each FILE for all recordings or NAME=FILE for one, by the names of the recordings."""
     metadata_by_name: dict[str, RecordingMetadata] = {}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from dynident.effects import get_effect
+from dynident.effects import EffectChoice, get_effect
+from dynident.effects.effect_text_format import format_effect
 from dynident.errors import word_notes, word_remedies
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import (
@@ -60,7 +62,8 @@ from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 from dynident_cli.command_output import print_tables, write_model
 from dynident_cli.contract_documents import to_document
-from dynident_cli.request_options import write_option
+from dynident_cli.request_options import list_option_words, write_option
+from dynident_cli.shared_options import Reading
 
 if TYPE_CHECKING:
     from dynident.api.model import Model
@@ -219,7 +222,7 @@ def _show_evidence(console: Console, changes: Sequence[Change]) -> None:
 COMMANDS_OF_NEXT_STEPS: Mapping[Action | None, str] = {
     "diagnose": "dynident diagnose MODEL RUN",
     "design": "dynident design ROBOT",
-    "identify_feasible": "dynident identify … --estimator feasible",
+    "identify_feasible": "dynident identify … --effects EFFECTS --estimator feasible",
     "check_gains": "dynident validate MODEL payload LOADED --unloaded RUN --mass KG",
     "identify_gains": "dynident gains",
     "export_for_simulation": "dynident export MODEL -f urdf, or -f mjcf",
@@ -227,11 +230,11 @@ COMMANDS_OF_NEXT_STEPS: Mapping[Action | None, str] = {
     "observe_momentum": "dynident validate MODEL collision RUN",
     "weigh_load": "dynident validate MODEL payload LOADED --unloaded RUN",
 }
-"""The command of each next step of a verdict."""
+"""The command of each next step of a verdict; EFFECTS are those of the model."""
 
 
-def show_verdict(console: Console, verdict: ModelVerdict) -> None:
-    """Print for which uses a model is fit, why or why not, and what to do next."""
+def show_verdict(console: Console, verdict: ModelVerdict, effects: Sequence[EffectChoice]) -> None:
+    """Print for which uses a model with these effects is fit, why or why not, and what to do next."""
     # After a gross fault the uses mean nothing.
     if verdict.stop is not None:
         console.print(f"✕ {word_remedies(verdict.summary, verdict.stop.remedies, write_option)}", style="bold red")
@@ -245,11 +248,19 @@ def show_verdict(console: Console, verdict: ModelVerdict) -> None:
             (reason,) = word_notes([use.reason], write_option)
             console.print(f"{use.mark} {words}: {reason}", style=_STYLES[use.state])
             command = COMMANDS_OF_NEXT_STEPS.get(use.next_action, "")
+            command = command.replace("EFFECTS", shlex.quote(",".join(map(format_effect, effects))))
             step = f"{use.next_step.removesuffix('.')}: {command}" if command else use.next_step
             console.print(f"    → {step}", soft_wrap=True)
         print_tables(console, (table for table in build_verdict_tables(verdict) if table.name == "drift"))
     for step in verdict.next_steps:
         console.print(f"→ {step}")
+
+
+def show_next_command(console: Console, what: str, words: Sequence[object], reading: Reading) -> None:
+    """Print the command that follows, with recordings read as they were here."""
+    options = Reading(**{option.name: getattr(reading, option.name) for option in fields(Reading)})
+    command = shlex.join(["dynident", *map(str, words), *list_option_words(options)])
+    console.print(f"Next, {what}: {command}", style="bold", soft_wrap=True)
 
 
 def show_ladder(console: Console, identification: Identification, parent: Identification | None = None) -> None:
@@ -309,7 +320,12 @@ def _table_width(reported_table: ReportedTable) -> int:
 
 
 def write_extended_model(
-    result: OutputOptions, model: Model, parent_id: str, parent: Model, verdict: ModelVerdict | None = None
+    result: OutputOptions,
+    model: Model,
+    parent_id: str,
+    parent: Model,
+    verdict: ModelVerdict | None = None,
+    show_next: Callable[[Console], None] = lambda _: None,
 ) -> None:
     """Write a model that was made from another one, and print it with the verdict on it where there is one."""
 
@@ -317,6 +333,7 @@ def write_extended_model(
         show_ladder(console, model.identification, parent.identification)
         show_identification(console, model.identification, parameters=False)
         if verdict is not None:
-            show_verdict(console, verdict)
+            show_verdict(console, verdict, model.effects)
+            show_next(console)
 
     write_model(result, "model", model, show_model, (parent_id, parent), verdict)

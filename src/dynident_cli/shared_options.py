@@ -186,12 +186,14 @@ class TimedReading:
         ),
     ] = field(default_factory=list)
     as_proposed: Annotated[
-        bool,
+        bool | None,
         typer.Option(
             "--as-proposed/--no-as-proposed",
-            help="Use the columns that `dynident inspect` proposes; fail if it asks a question.",
+            help="Use the columns that `dynident inspect` proposes; fail if it asks a question. By default only where "
+            "a file lacks the usual columns.",
+            show_default=False,
         ),
-    ] = False
+    ] = None
     cure: Annotated[
         bool,
         typer.Option(

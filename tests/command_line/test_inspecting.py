@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 
 import numpy as np
 import pyarrow.csv as pacsv
@@ -42,6 +43,23 @@ def test_a_foreign_file_is_identified_as_proposed(foreign, tmp_path):
     found = dynident("identify", "scara", fit, "-v", other, "--as-proposed", "--json").document
     for kind in ("residual", "validation"):
         assert found[kind]["relative_total"] == pytest.approx(known[kind]["relative_total"], rel=0.02)
+
+
+def test_a_foreign_file_needs_no_option_where_nothing_is_open(foreign, tmp_path):
+    fit, other = foreign
+    model = tmp_path / "model.npz"
+    made = dynident("identify", "scara", fit, "-v", other, "-o", model)
+    assert made.code == 0, made.err
+    # Both files have the same columns, which are told once.
+    assert made.err.count("Columns of foreign1, foreign2 as proposed: t: Time (ms) (ms); q: act_pos_1 …") == 1
+    # The next command reads the files as this one did.
+    (following,) = (line for line in made.out.splitlines() if line.startswith("Next"))
+    answer = dynident(*shlex.split(following.partition("dynident ")[2]), "--max-effects", "1")
+    assert answer.code == 0, answer.err
+    refused = dynident("identify", "scara", fit, "--no-as-proposed")
+    assert refused.code != 0
+    assert "Unknown columns" in refused.err
+    assert "--as-proposed" in refused.err
 
 
 @pytest.fixture
@@ -102,9 +120,10 @@ def test_what_has_to_be_answered_is_not_taken_as_proposed(foreign, tmp_path):
     lines = foreign[0].read_text().splitlines()
     names = lines[0].lstrip("# ").replace("act_trq_", "tau_ext_")
     bare.write_text("\n".join([names, *lines[1:]]))
-    refused = dynident("identify", "scara", bare, "--as-proposed")
-    assert refused.code != 0
-    assert "external" in refused.err
+    for option in ([], ["--as-proposed"]):
+        refused = dynident("identify", "scara", bare, *option)
+        assert refused.code != 0
+        assert "external" in refused.err
     # Nothing proposes what would correct it.
     assert "--cure" not in refused.err
 

@@ -13,9 +13,11 @@ import pytest
 from rich.console import Console
 from support.running_commands import ROBOT, dynident, write_run
 
+from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.effects.effect_text_format import parse_effects
 from dynident.robot import urdf_from_robot
 from dynident.verdict import Action, ModelVerdict, Use
-from dynident.verdict.fitness_by_use import DIAGNOSE
+from dynident.verdict.fitness_by_use import CURE, DIAGNOSE
 from dynident_cli.printed_results import COMMANDS_OF_NEXT_STEPS, show_verdict
 
 
@@ -91,6 +93,7 @@ def test_the_next_steps_of_a_verdict_run_as_they_are_printed(desk: Path, tmp_pat
         "RUN": [str(desk / "run1.csv")],
         "LOADED": [str(loaded)],
         "KG": ["2"],
+        "EFFECTS": ["default,offset"],
         "…": [str(desk / "arm.urdf"), str(desk / "run1.csv")],
     }
     # What takes minutes, or needs a file to write to.
@@ -113,11 +116,23 @@ def test_the_next_steps_of_a_verdict_run_as_they_are_printed(desk: Path, tmp_pat
         assert answer.code in (0, 1), f"{command}\n{answer.err}"
 
 
+def test_the_command_for_bodies_that_can_exist_keeps_the_effects_of_the_model(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    effects = (*DEFAULT_EFFECTS, EffectChoice("torque_ripple", ("joint4",), (("k", 20.0),)))
+    verdict = SimpleNamespace(stop=None, uses=[Use("simulation", "no", "No.", CURE)], next_steps=(), drift=None)
+    show_verdict(Console(width=300), cast("ModelVerdict", verdict), effects)
+    (command,) = (line.partition(": ")[2] for line in capsys.readouterr().out.splitlines() if "dynident" in line)
+    words = shlex.split(command)
+    assert parse_effects([words[words.index("--effects") + 1]]) == effects
+    assert words[-2:] == ["--estimator", "feasible"]
+
+
 def test_what_several_uses_lack_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     uses = [Use("simulation", "no", "It drifts.", DIAGNOSE)]
     uses += [Use(name, "no", "Its error is large.", DIAGNOSE) for name in ("collision_detection", "payload")]
     verdict = SimpleNamespace(stop=None, uses=uses, next_steps=(), drift=None)
-    show_verdict(Console(width=100), cast("ModelVerdict", verdict))
+    show_verdict(Console(width=100), cast("ModelVerdict", verdict), ())
     told = capsys.readouterr().out
     assert "✕ collision detection, payload: Its error is large." in told
     assert told.count("dynident diagnose") == 2

@@ -119,7 +119,7 @@ CASES = {
         ["--preprocessing torque_cutof: ", "torque_cutoff"],
     ),
     "two files that cannot be used": (
-        ["identify", "scara", "{desk}/model.npz", "{desk}/arm.json"],
+        ["identify", "scara", "{desk}/model.npz", "{desk}/arm.json", "--no-as-proposed"],
         ["2 of 2 files cannot be used", "model.npz: ", "arm.json: "],
     ),
     "a folder that is not there": (

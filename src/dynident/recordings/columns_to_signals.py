@@ -17,6 +17,9 @@ from dynident.recordings.units import JOINT_KINDS, KINDS, find_conversion, find_
 NOT_RECORDED = "none"
 """What the torque of a joint is mapped to that was not recorded."""
 
+UNKNOWN_COLUMNS = "Unknown columns"
+"""Title of the error for a file in which no joint has a column of a kind, as another logger wrote it."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -437,11 +440,12 @@ class _ColumnFinder:
                 "gains in N m/rad."
             )
         advice, further = (".", ()) if joint is None else self._advise_without_column(kind, joint)
+        has_others = joint is not None and any(self.find(kind, k) for k in range(len(self.joint_names)))
         return RecordingError(
             f"There is no column {expected} for {signal}{whose}{instead}. The file has: {available}. Name it by "
             f"{remedies[0]}{advice}{hint}",
             pointer=f"/columns/{ours}",
-            title="Missing column",
+            title="Missing column" if has_others else UNKNOWN_COLUMNS,
             remedies=(*remedies, *further),
         )
 

@@ -157,7 +157,7 @@ class ModelVerdict:
 _CALLS: Mapping[Action, str] = {
     "diagnose": "dynident.diagnose(model, recordings)",
     "design": "dynident.design(robot)",
-    "identify_feasible": 'dynident.identify(robot, recordings, estimator="feasible")',
+    "identify_feasible": 'dynident.identify(robot, recordings, effects=model.effects, estimator="feasible")',
     "check_gains": "dynident.validation.validate_payload",
     "identify_gains": "dynident.identification.identify_gains",
     "export_for_simulation": 'model.export("arm.urdf")',

@@ -164,7 +164,14 @@ def extend(
         named = argument_loading.name_runs(added, recordings.names)
         extended = whole.extend(*named, *recommended, progress=progress)
         verdict = extended.verdict()
-    printed_results.write_extended_model(result, extended, model.stem, identified, verdict)
+
+    def show_next(console: Console) -> None:
+        if result.out is not None and verdict.stop is None:
+            learnt = [word for path in measurements for word in ("--learnt", path)]
+            words = ["compare", result.out, *(validation[:1] or measurements[:1]), *(learnt if validation else ())]
+            printed_results.show_next_command(console, "see where it still fails", words, reading)
+
+    printed_results.write_extended_model(result, extended, model.stem, identified, verdict, show_next)
     if verdict.stop is not None:
         raise typer.Exit(printed_results.EXIT_STOPPED)
 
@@ -230,7 +237,11 @@ def identify(
     def print_result(console: Console) -> None:
         printed_results.show_measurements(console, recordings, held_out)
         printed_results.show_identification(console, model.identification)
-        printed_results.show_verdict(console, verdict)
+        printed_results.show_verdict(console, verdict, model.effects)
+        if result.out is not None and verdict.stop is None:
+            held_out_words = [word for path in further.validation for word in ("--validation", path)]
+            words = ["diagnose", result.out, *measurements, *held_out_words]
+            printed_results.show_next_command(console, "find what is missing", words, reading)
 
     everything = (*recordings, *held_out)
     command_output.write_model(result, "model", model, print_result, verdict=verdict, recordings=everything)

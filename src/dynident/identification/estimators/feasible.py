@@ -214,9 +214,10 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
     before, after = (compute_errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))
     if after > FREE * before:
         return fitted
-    # Without an active limit the fit stays exactly as it is; where bodies that can exist fit as well, they are known.
-    if not nearest.limits:
-        return fitted.with_changes(standard=nearest.standard) if nearest.is_feasible else fitted
+    # A fit that bodies that can exist have stays exactly as it is. One that they do not have is moved even where no
+    # limit is named: the solver of limits may stop a little before them.
+    if nearest.is_feasible and not nearest.limits:
+        return fitted.with_changes(standard=nearest.standard)
     return fitted.with_changes(solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
 
 
