@@ -114,6 +114,8 @@ def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
         assert rows[f"Fc{7 + k}"].value == pytest.approx(COULOMB[k], rel=0.03)
         assert rows[f"Ia{7 + k}"].value == pytest.approx(ROTOR[k], rel=0.05)
     assert all(row.held_out < 0.02 for row in model.errors)
+    # Its projected equations have no mass matrix that could be positive definite.
+    assert not any("inertia matrix" in warning for warning in model.warnings)
     # What is left without the projection lacks the link that stands: it is no torque of any robot.
     rest = np.zeros(robot.n)
     with pytest.raises(DynidentError, match="Nothing is known of the mass of a link that stands"):

@@ -21,7 +21,9 @@ from dynident.robot.contacts import (
     compute_contact_projection,
     compute_elimination,
     find_largest_zero_errors,
+    find_mixed_joints,
     parse_contact,
+    yield_mixing_matrices,
 )
 from dynident.robot.description_and_json import robot_from_document, robot_to_document, set_base
 from dynident.robot.joint import Contact
@@ -160,6 +162,31 @@ def test_an_unknown_torque_is_eliminated_as_a_row_of_the_jacobian_would() -> Non
         longer = np.vstack([jacobian[k], np.eye(robot.n)[unknown[k]]])
         expected = np.eye(robot.n) - np.linalg.pinv(longer, rcond=1e-8) @ longer
         np.testing.assert_allclose(eliminated[k], expected, atol=1e-9)
+
+
+def test_matrices_that_come_a_few_samples_at_a_time_are_those_of_all_samples() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    robot = replace(floating, contacts=(Contact("shin", (0.0, 0.0, -0.4)),))
+    mixed = np.ix_(find_mixed_joints(robot), find_mixed_joints(robot))
+    q = np.random.default_rng(5).uniform(-1.0, 1.0, (150, robot.n))
+    unknown = np.zeros(q.shape, dtype=bool)
+    unknown[:70:3, 7] = True
+    projection, elimination = compute_contact_projection(robot, q), compute_elimination(robot, q, unknown)
+    # Whole numbers and other halts at the same positions must not be taken for what was asked before.
+    for positions, standing in ((q, unknown), (q, None), (np.zeros_like(q, dtype=int), unknown)):
+        exact = (
+            (projection, elimination)
+            if positions is q
+            else (compute_contact_projection(robot, 0.0 * q), compute_elimination(robot, 0.0 * q, unknown))
+        )
+        count = 0
+        for part, mixing, own in yield_mixing_matrices(robot, positions, standing):
+            for k, sample in enumerate(range(len(q))[part]):
+                taken = np.eye(robot.n) if standing is None else exact[1][sample]
+                np.testing.assert_allclose(mixing[k], (taken @ exact[0][sample])[mixed], atol=1e-12)
+                np.testing.assert_allclose(np.eye(len(mixing[k])) if own is None else own[k], taken[mixed], atol=1e-12)
+                count += 1
+        assert count == len(q)
 
 
 def test_an_unknown_torque_of_a_leg_that_is_half_lifted_is_eliminated_and_a_hidden_one_does_no_harm() -> None:

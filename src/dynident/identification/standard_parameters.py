@@ -37,11 +37,12 @@ def compute_smallest_inertia_eigenvalue(
     Returns
     -------
     float
-        Not a number for a model without inertial parameters.
+        Not a number for a model without inertial parameters, and with contacts: the projected equations of a robot
+        whose feet stand hold the mass matrix only in part.
     """
     n = model.robot.n
     inertial = [k for k, c in enumerate(model.kept) if get_effect(c.effect).is_inertia]
-    if not inertial:
+    if not inertial or model.robot.contacts:
         return float("nan")
     # Models that extend one another have their inertial columns in common.
     observation = model.observation

@@ -20,6 +20,7 @@ from dynident.recordings.low_pass_decimation import stream_samples as stream_sam
 from dynident.regressors.observation_matrix import FurtherSignals, Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import EquationRows, RestRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
+from dynident.robot.contacts import find_mixed_joints, yield_mixing_matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +97,21 @@ class SampleFunction:
         What torque is predicted with.
     recording : Recording
         The recording that blocks come from, in order.
+    phases : RowPhases, optional
+        Take what holds joints at rest out of the equations of others that contain it.
     """
 
-    def __init__(self, observation: Observation, reference: ReferenceParameters, recording: Recording) -> None:
+    def __init__(
+        self,
+        observation: Observation,
+        reference: ReferenceParameters,
+        recording: Recording,
+        phases: RowPhases | None = None,
+    ) -> None:
         self._observation = observation
         self._reference = reference
         self._recording = recording
+        self._phases = phases
         self._memory = MemoryStates(observation.memory)
 
     def __call__(self, block: SampleBlock) -> FloatArray:
@@ -125,11 +135,10 @@ class SampleFunction:
             self._memory.restart()
         states = self._memory.push(self._observation.robot.positions(block.q))
         # Hysteresis remembers all samples; W itself is evaluated only from the first used sample to the last.
-        needed = np.flatnonzero(block.used)
-        part = slice(int(needed[0]), int(needed[-1]) + 1) if len(needed) else slice(0, 0)
+        part = _find_used_part(block)
         out[: part.start] = 0.0
         out[part.stop :] = 0.0
-        if len(needed):
+        if part.stop:
             # Before the rows are evaluated: an open loop would give numbers, but of no machine.
             if self._observation.robot.linkage is not None:
                 self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
@@ -152,7 +161,34 @@ class SampleFunction:
                     period=self._recording.period,
                 ),
                 out=out[part],
+                unknown=_find_unknown_torques(self._phases, block, part),
             )
+
+    def read_torque(self, block: SampleBlock) -> FloatArray:
+        """Return the torque (m, n) of a block of samples, without that of joints at rest as in the entries."""
+        tau, part = block.tau.copy(), _find_used_part(block)
+        unknown = _find_unknown_torques(self._phases, block, part)
+        if unknown is not None:
+            robot, of_part = self._observation.robot, tau[part]
+            mixed = np.flatnonzero(find_mixed_joints(robot))
+            for some, _, elimination in yield_mixing_matrices(robot, block.q[part], unknown):
+                if elimination is not None:
+                    of_part[some, mixed] = (elimination @ of_part[some][:, mixed, None])[:, :, 0]
+        return tau
+
+
+def _find_used_part(block: SampleBlock) -> slice:
+    """Return the samples from the first used one to the last."""
+    used = np.flatnonzero(block.used)
+    return slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0, 0)
+
+
+def _find_unknown_torques(phases: RowPhases | None, block: SampleBlock, part: slice) -> BoolArray | None:
+    """Return (m, n): where the friction of a joint at rest is in the equations of others; None where it never is."""
+    if phases is None:
+        return None
+    unknown = phases.find_unknown_torques(block.segment, block.t[part]) & block.used[part, None]
+    return unknown if unknown.any() else None
 
 
 def is_in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
@@ -215,7 +251,8 @@ def stream_filtered_samples(
     FilteredSamples
         Without rows where a recording under way has none for now.
     """
-    parts = [SampleFunction(matrix, reference, recording) for matrix in (observation, at_rest) if matrix is not None]
+    function = SampleFunction(observation, reference, recording, phases)
+    resting_function = None if at_rest is None else SampleFunction(at_rest, reference, recording)
     layout = [observation.joint_entries(joint) for joint in range(recording.n)]
     nowhere = np.zeros(recording.n, dtype=bool)
     starting, interrupted = (nowhere, nowhere) if phases is None else (phases.starting, phases.interrupted_joints)
@@ -246,11 +283,10 @@ def stream_filtered_samples(
     # One pass for all columns: what belongs to one equation has to be filtered with the same instants left out.
     def values(block: SampleBlock) -> FloatArray:
         rows = np.empty((len(block.t), torque.stop))
-        for part, places in zip(parts, (entries, resting), strict=False):
-            part.fill(block, rows[:, places])
-        rows[:, tau] = block.tau
-        if phases is not None:
-            eliminate_friction_at_rest(observation, phases, block, rows[:, entries], rows[:, tau])
+        function.fill(block, rows[:, entries])
+        if resting_function is not None:
+            resting_function.fill(block, rows[:, resting])
+        rows[:, tau] = function.read_torque(block)
         certain = (
             None if phases is None or not interrupted.any() else phases.find_certain_samples(block.segment, block.t)
         )
@@ -277,29 +313,6 @@ def stream_filtered_samples(
             held=rows[:, held] if interrupted.any() else None,
             whole=_collect_unmasked(rows[:, whole], rows[:, torque], again, joints, layout),
         )
-
-
-def eliminate_friction_at_rest(
-    observation: Observation, phases: RowPhases, block: SampleBlock, entries: FloatArray, tau: FloatArray
-) -> None:
-    """Take what holds joints at rest out of the equations of others that contain it, in place.
-
-    Parameters
-    ----------
-    observation : Observation
-        The matrix W.
-    phases : RowPhases
-        Of the recording.
-    block : SampleBlock
-        Samples at the full rate.
-    entries : (m, number of entries)
-        Entries of W at these samples.
-    tau : (m, n)
-        Torque at these samples, N m or N.
-    """
-    unknown = phases.find_unknown_torques(block.segment, block.t) & block.used[:, None]
-    if unknown.any():
-        observation.eliminate_torques(block.q, unknown, entries, tau)
 
 
 def _zero_equations(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:

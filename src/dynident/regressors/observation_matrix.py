@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -15,7 +16,7 @@ from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSigna
 from dynident.estimation import PriorInformation
 from dynident.expressions import Program
 from dynident.recordings import Preprocessing, Recording
-from dynident.robot.contacts import compute_contact_projection, compute_elimination, find_mixed_joints
+from dynident.robot.contacts import find_mixed_joints, yield_mixing_matrices
 from dynident.robot.robot_model import Robot
 
 
@@ -104,18 +105,29 @@ class ConcatenatedPrograms:
         """Number of operations a sample."""
         return self._first.n_instructions + self._second.n_instructions
 
-    def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """Evaluate on samples, as a `Program` does."""
+    def __call__(
+        self, *inputs: FloatArray, out: FloatArray | None = None, unknown: BoolArray | None = None
+    ) -> FloatArray:
+        """Evaluate on samples, as a `Program` does; without the `unknown` (m, n) torques, as a `ProjectedProgram`."""
         if out is None:
             length = next(len(item) for item in inputs if item.ndim == 2)
             out = np.empty((length, self.n_outputs))
         border = self._first.n_outputs
         # Inputs only ever grow at their ends, so that the first program reads the leading columns.
         leading = [item[..., :width] for item, width in zip(inputs, self._first.widths, strict=True)]
-        self._first(*leading, out=out[:, :border])
+        _run(self._first, leading, out[:, :border], unknown)
         selected = [item[..., selection] for item, selection in zip(inputs, self._selections, strict=True)]
-        self._second(*selected, out=out[:, border:])
+        _run(self._second, selected, out[:, border:], unknown)
         return out
+
+
+def _run(
+    program: AnyProgram, inputs: Sequence[FloatArray], out: FloatArray | None, unknown: BoolArray | None
+) -> FloatArray:
+    """Evaluate a program; a robot without contacts has no torques that could be in the equations of others."""
+    if isinstance(program, Program):
+        return program(*inputs, out=out)
+    return program(*inputs, out=out, unknown=unknown)
 
 
 class ProjectedProgram:
@@ -143,47 +155,59 @@ class ProjectedProgram:
         filled = np.zeros((robot.n, n_columns), dtype=bool)
         filled[places] = True
         columns = np.flatnonzero(filled[is_mixed].any(axis=0))
-        filled[np.ix_(is_mixed, columns)] = True
-        rows, cols = np.nonzero(filled)
+        filled[is_mixed] = False
+        self._mixed = np.flatnonzero(is_mixed)
+        self._block_shape = len(self._mixed), len(columns)
+        # The mixed block is dense: it stands first, so that products are written to their places at once.
+        others = np.nonzero(filled)
+        rows = np.concatenate([np.repeat(self._mixed, len(columns)), others[0]])
+        cols = np.concatenate([np.tile(columns, len(self._mixed)), others[1]])
         self.places: tuple[IndexArray, IndexArray] = (rows, cols)
         self.widths: tuple[int, ...] = tuple(program.widths)
         self.n_outputs: int = len(rows)
-        self._mixed = np.flatnonzero(is_mixed)
-        # Where entries of the program go in the mixed block, and where this and the other entries go in the answer.
+        # Where entries of the program go in the mixed block, and where the others go in the answer.
         own = is_mixed[places[0]]
         self._from_program, self._others = np.flatnonzero(own), np.flatnonzero(~own)
         block_row, block_column = np.cumsum(is_mixed) - 1, np.searchsorted(columns, places[1][own])
         self._into_block = block_row[places[0][own]], block_column
-        self._block_shape = len(self._mixed), len(columns)
         number = np.full(filled.shape, -1, dtype=np.intp)
         number[rows, cols] = np.arange(len(rows))
-        self._block_places = number[np.ix_(is_mixed, columns)].reshape(-1)
         self._other_places = number[places[0][~own], places[1][~own]]
 
     @property
     def n_instructions(self) -> int:
         """Number of operations a sample."""
-        return self._program.n_instructions + len(self._mixed) * len(self._block_places)
+        return self._program.n_instructions + len(self._mixed) * math.prod(self._block_shape)
 
-    def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """Evaluate on samples, as a `Program` does."""
+    def __call__(
+        self, *inputs: FloatArray, out: FloatArray | None = None, unknown: BoolArray | None = None
+    ) -> FloatArray:
+        """Evaluate on samples, as a `Program` does.
+
+        Parameters
+        ----------
+        inputs : (m, width) or (width,)
+        out : (m, n_outputs), optional
+        unknown : (m, n) of bool, optional
+            Joints whose torques are taken out of the equations of the others.
+
+        Returns
+        -------
+        (m, n_outputs)
+        """
         entries = self._program(*inputs)
         if out is None:
             out = np.empty((len(entries), self.n_outputs))
         q = np.broadcast_to(inputs[0], (len(entries), self._robot.n))
-        # In steps, so that what is in between needs little memory.
-        for first in range(0, len(entries), _PROJECTED_AT_ONCE):
-            part = slice(first, first + _PROJECTED_AT_ONCE)
-            projection = compute_contact_projection(self._robot, q[part])[:, self._mixed][:, :, self._mixed]
-            block = np.zeros((len(projection), *self._block_shape))
+        size = math.prod(self._block_shape)
+        for part, mixing, _ in yield_mixing_matrices(self._robot, q, unknown):
+            block = np.zeros((len(mixing), *self._block_shape))
             block[:, self._into_block[0], self._into_block[1]] = entries[part][:, self._from_program]
-            out[part, self._block_places] = (projection @ block).reshape(len(block), -1)
+            # One axis is split in two, so that this is no copy.
+            np.matmul(mixing, block, out=out[part, :size].reshape(block.shape))
             out[part, self._other_places] = entries[part][:, self._others]
         return out
 
-
-_PROJECTED_AT_ONCE = 256
-"""Samples."""
 
 # Places of these inputs in a program.
 _MEMORY, _RUNS = 8, 9
@@ -340,6 +364,7 @@ class Observation:
         memory: FloatArray,
         further: FurtherSignals = NOTHING_FURTHER,
         out: FloatArray | None = None,
+        unknown: BoolArray | None = None,
     ) -> FloatArray:
         """Evaluate the entries of W at m samples.
 
@@ -355,6 +380,9 @@ class Observation:
             What the columns depend on besides q, dq and ddq.
         out : (m, number of entries), optional
             Where to put the result.
+        unknown : (m, n) of bool, optional
+            Joints whose torque is unknown: it is taken out of the projected equations of the others. Only joints that
+            move a contact.
 
         Returns
         -------
@@ -364,7 +392,7 @@ class Observation:
         n = self.robot.n
         # One row of zeros holds for all samples.
         nothing = np.zeros(n)
-        return self.program(
+        inputs = (
             q,
             dq,
             ddq,
@@ -376,8 +404,8 @@ class Observation:
             memory,
             np.zeros(len(self.runs)) if further.runs is None else further.runs,
             reference.to_vector(self.robot),
-            out=out,
         )
+        return _run(self.program, inputs, out, unknown)
 
     def compute_sliding_states(self, dq: FloatArray) -> FloatArray:
         """Return the steady states (m, number of hysteresis signals) of joints that keep on moving at dq (m, n)."""
@@ -394,31 +422,6 @@ class Observation:
         positions = np.flatnonzero(self.entry_rows == joint)
         order = np.argsort(self.entry_columns[positions], kind="stable")
         return positions[order], self.entry_columns[positions[order]]
-
-    def eliminate_torques(self, q: FloatArray, unknown: BoolArray, entries: FloatArray, tau: FloatArray) -> None:
-        """Take the unknown torques of joints out of the projected equations of the others, in place.
-
-        Parameters
-        ----------
-        q : (m, n)
-            Positions, rad or m.
-        unknown : (m, n) of bool
-            Where the torque of a joint is unknown; only joints that move a contact.
-        entries : (m, number of entries)
-            From `evaluate`; changed.
-        tau : (m, n)
-            Measured torques of the projected equations; changed.
-        """
-        mixed = np.flatnonzero(find_mixed_joints(self.robot))
-        # The equations of all these joints have the same columns.
-        places = np.array([self.joint_entries(int(joint))[0] for joint in mixed], dtype=np.intp)
-        samples = np.flatnonzero(unknown.any(axis=1))
-        for first in range(0, len(samples), _PROJECTED_AT_ONCE):
-            some = samples[first : first + _PROJECTED_AT_ONCE]
-            elimination = compute_elimination(self.robot, q[some], unknown[some])[:, mixed][:, :, mixed]
-            block = elimination @ entries[some][:, places]
-            entries[some[:, None], places.reshape(-1)] = block.reshape(len(some), -1)
-            tau[some[:, None], mixed] = (elimination @ tau[some][:, mixed, None])[:, :, 0]
 
     def compute_torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
         """Return W χ from entries of W.

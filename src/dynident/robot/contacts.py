@@ -7,7 +7,8 @@ air too, whose force is zero: that costs information, but makes no error.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -326,10 +327,60 @@ def compute_elimination(robot: Robot, q: FloatArray, unknown: BoolArray) -> Floa
     ndarray (m, n, n)
         E at each position.
     """
-    projection = compute_contact_projection(robot, q)
+    return _eliminate(compute_contact_projection(robot, q), unknown)
+
+
+def _eliminate(projection: FloatArray, unknown: BoolArray) -> FloatArray:
     own = projection * (unknown[:, :, None] & unknown[:, None, :])
     sizes, directions = np.linalg.eigh(own)
     # Of a torque that P takes away almost wholly, the rest tells nothing.
     inverse = np.where(sizes > _SHOWN, 1.0 / np.maximum(sizes, _SHOWN), 0.0)
     pseudoinverse = (directions * inverse[:, None, :]) @ np.swapaxes(directions, 1, 2)
-    return np.asarray(np.eye(robot.n) - projection @ pseudoinverse)
+    return np.asarray(np.eye(projection.shape[1]) - projection @ pseudoinverse)
+
+
+def yield_mixing_matrices(
+    robot: Robot, q: FloatArray, unknown: BoolArray | None
+) -> Iterator[tuple[slice, FloatArray, FloatArray | None]]:
+    """Yield how the equations of the joints that move a contact are mixed, a few samples at a time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with contacts.
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+    unknown : ndarray (m, n) of bool, optional
+        Joints of those that move a contact whose torques are not known.
+
+    Yields
+    ------
+    (slice, ndarray (s, k, k), ndarray (s, k, k) or None)
+        Samples, E P of the k joints of `find_mixed_joints`, and E; None where it is the identity.
+    """
+    # The bytes are read back as these numbers.
+    q = np.asarray(q, dtype=np.float64)
+    for first in range(0, len(q), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        some = None if unknown is None or not unknown[part].any() else unknown[part].tobytes()
+        yield part, *_compute_mixing(robot, q[part].tobytes(), some)
+
+
+_AT_ONCE = 64
+"""Samples, so that what is in between stays in the processor's cache."""
+
+
+@lru_cache(maxsize=512)
+def _compute_mixing(robot: Robot, positions: bytes, unknown: bytes | None) -> tuple[FloatArray, FloatArray | None]:
+    """Return E P and E among the mixed joints; a diagnosis asks for those of the same samples over and over."""
+    q = np.frombuffer(positions).reshape(-1, robot.n)
+    mixed = np.flatnonzero(find_mixed_joints(robot))
+    mixing = compute_contact_projection(robot, q)[:, mixed][:, :, mixed]
+    if unknown is None:
+        return mixing, None
+    stands = np.frombuffer(unknown, dtype=bool).reshape(-1, robot.n)[:, mixed]
+    elimination = np.zeros_like(mixing)
+    elimination[:] = np.eye(len(mixed))
+    some = stands.any(axis=1)
+    elimination[some] = _eliminate(mixing[some], stands[some])
+    return elimination @ mixing, elimination

@@ -28,7 +28,7 @@ from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.pose_recordings import has_poses, read_pose_rows
 from dynident.recordings.recording import JointLimits
-from dynident.regressors.dynamic_model_rows import SampleFunction, eliminate_friction_at_rest
+from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
 
@@ -345,15 +345,9 @@ def predict_again(
         The recording that is compared, the model's filters, and what torque is predicted with.
     """
     (recording,) = inputs.recordings
-    entries = SampleFunction(observation, inputs.reference, recording)
     phases = RowPhases.from_recording(observation, recording, inputs.preprocessing)
-
-    def evaluate(block: SampleBlock) -> FloatArray:
-        w = entries(block)
-        eliminate_friction_at_rest(observation, phases, block, w, block.tau.copy())
-        return w
-
-    pieces = filter_in_parallel(recording, inputs.preprocessing, evaluate)
+    entries = SampleFunction(observation, inputs.reference, recording, phases)
+    pieces = filter_in_parallel(recording, inputs.preprocessing, entries)
     predicted = np.concatenate([observation.compute_torque(rows, values) for _, _, rows in pieces])
     return replace(comparison, predicted=predicted, remembering=phases.remembering, free=phases.free)
 
@@ -367,9 +361,9 @@ def _yield_parts(
         yield _compare_poses(identification, recording)
         return
     observation, at_rest = identification.model.observation, identification.model.at_rest
-    entries = SampleFunction(observation, identification.estimate.reference, recording)
-    resting = SampleFunction(at_rest, identification.estimate.reference, recording)
     phases = RowPhases.from_recording(observation, recording, identification.preprocessing)
+    entries = SampleFunction(observation, identification.estimate.reference, recording, phases)
+    resting = SampleFunction(at_rest, identification.estimate.reference, recording)
     looked_at = phases.with_friction_of(phases.frictional)
     rigid = np.array([get_role(column) == "link" for column in observation.columns])
     load_values = np.where(rigid, identification.values, 0.0)
@@ -383,9 +377,8 @@ def _yield_parts(
     # Columns, torque and motion pass the same filter side by side, so that no delay comes between them.
     def values(block: SampleBlock) -> FloatArray:
         more = [] if block.temperature is None else [block.temperature]
-        w, tau = entries(block), block.tau.copy()
-        eliminate_friction_at_rest(observation, phases, block, w, tau)
-        return np.hstack([w, resting(block), tau, block.q, block.dq, block.ddq, *more])
+        w = entries(block)
+        return np.hstack([w, resting(block), entries.read_torque(block), block.q, block.dq, block.ddq, *more])
 
     end = recording.segments[-1].start_time + recording.segments[-1].length * recording.period
     start = recording.segments[0].start_time
