@@ -30,6 +30,38 @@ refined.
 own](own-effects.md).
 """
 
+LIMITS = """\
+## Machines that are not rigid links on stiff gears
+
+The model is that of rigid links. What the catalogue has for other machines, and what it lacks:
+
+| machine | in the catalogue | not in it |
+|---|---|---|
+| elastic joints: harmonic drives, belts, series springs | `joint_elasticity` (one compliance a joint), `backlash`, \
+`presliding` | Its formula is of first order in 1/K: it holds for motion well below the lowest resonance, and if the \
+twist is small beside the motion. Springs that stiffen, and positions of motor and link side by side, are not \
+modelled. |
+| elastic links: long or light arms | a bend about a joint's own axis looks like `joint_elasticity` of that joint; a \
+vibration at one frequency on all joints is `base_vibration` | Bends across the axis, twists of a link, and modes \
+whose frequency depends on the posture are in no effect: they stay in the residual. Move well below the lowest \
+resonance. |
+| tendons and cables | a known ratio of motors to joints is stated (`coupling`, see [Drive chain](drive-chain.md)) \
+or read from the MJCF (see [Closed loops](closed-loops.md)); `transmission_coupling` for a motor that turns two \
+neighbouring joints one to one; `joint_elasticity` for stretch; `load_dependent_friction` for pulleys; `cable_force` \
+for a spring across two joints | Slack, tension of two tendons that pull against each other, creep, and friction \
+that depends on the wrapped angle of several pulleys. |
+| quasi-direct drives: legs and arms with gears of 6 to 10 | `torque_ripple` (cogging), `drive_gain_error`, \
+`drive_gain_saturation`, `torque_delay`; `rotor_coupling`, whose share beside `rotor_inertia` is one over the gear \
+ratio, and so largest here | A gain that falls with the temperature of the winding, losses in the current \
+controller. Friction is so small that errors of the current's gain and offset are of its size: check the gains with \
+a known load. |
+| soft machines: pneumatic muscles, continuum arms | nothing | They have no joints whose positions determine the \
+posture, so that the equations of the links do not hold. |
+
+If a diagnosis names none of these effects, the machine need not be rigid. If what is left still depends on the \
+motion, the diagnosis says so and on what.
+"""
+
 
 def row(effect: Effect) -> str:
     """One effect as a row of a Markdown table."""
@@ -45,7 +77,7 @@ def table() -> str:
 
 def page() -> str:
     """The page of the catalogue."""
-    return "\n".join([INTRODUCTION, f"{table()}\n", *(section(effect) for effect in CATALOGUE.values())])
+    return "\n".join([INTRODUCTION, f"{table()}\n", *(section(effect) for effect in CATALOGUE.values()), LIMITS])
 
 
 def section(effect: Effect) -> str:
