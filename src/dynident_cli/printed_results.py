@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING
@@ -28,6 +29,7 @@ from dynident.presentation.diagnosis_tables import (
     describe_rivals,
 )
 from dynident.presentation.labels import (
+    PARAMETER_JUDGEMENTS,
     describe_condition_number,
     format_choice,
     format_hidden_effects,
@@ -53,6 +55,7 @@ from dynident.presentation.model_tables import (
     list_error_kinds,
 )
 from dynident.presentation.recording_tables import ShownRecording, build_recording_table, describe_findings
+from dynident.presentation.tables import Cell, ReportedTable
 from dynident.presentation.validation_and_verdict_tables import (
     VALIDATION_WORDS,
     build_figure_tables,
@@ -71,13 +74,17 @@ if TYPE_CHECKING:
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
     from dynident.diagnosis.diagnosis_result import Change
     from dynident.diagnosis.monitoring import Series
-    from dynident.presentation.tables import ReportedTable
     from dynident.verdict import Action, ModelVerdict, State, Use
     from dynident_cli.shared_options import OutputOptions
     from dynident_service.validations.wire_types import ValidationResult
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
 """Columns of parameter tables that do not fit a terminal; files and reports have them."""
+
+_MANY_JOINTS = 12
+"""Of a robot with more joints, such as a humanoid, tables show those joints that are worst."""
+
+_WORST_JOINTS = 8
 
 EXIT_STOPPED = 3
 """The exit code of a model that is not to be used."""
@@ -94,6 +101,12 @@ def show_measurements(console: Console, measurements: Recordings, held_out: Reco
         console.print(f"  {line}")
 
 
+def fold_joints(table: ReportedTable, worst_by: str, last: int = 0) -> ReportedTable:
+    """Return a table of joints; of many joints those with the largest numbers in a column, and the `last` rows."""
+    is_long = len(table.rows) - last > _MANY_JOINTS
+    return table.fold_rows(worst_by, _WORST_JOINTS, last) if is_long else table
+
+
 def show_identification(console: Console, identification: Identification, *, parameters: bool = True) -> None:
     """Print the errors per joint, the parameters, the shape constants, and the warnings of a model."""
     for reason in identification.preprocessing.reasons:
@@ -101,11 +114,16 @@ def show_identification(console: Console, identification: Identification, *, par
     joints = identification.model.robot.joints
     names = [joint.name for joint in joints]
     errors = build_error_table(list_error_kinds(identification), names, [joint.effort_unit for joint in joints])
-    print_tables(console, [errors.drop_columns(RATIO)])
+    worst_by = errors.columns[2 if identification.held_out is None else 5]
+    print_tables(console, [fold_joints(errors, worst_by, last=1).drop_columns(RATIO)])
     # After an extension most parameters are those of the model before, and are not printed again.
     if parameters:
-        base_table = build_parameter_table("Base parameters", identification.parameters)
-        print_tables(console, [base_table.drop_columns(*_TOO_WIDE)])
+        if len(joints) > _MANY_JOINTS:
+            print_tables(console, [_count_parameters(identification)])
+            console.print("  A report (dynident report MODEL RUN) and --json list all joints and parameters.")
+        else:
+            base_table = build_parameter_table("Base parameters", identification.parameters)
+            print_tables(console, [base_table.drop_columns(*_TOO_WIDE)])
         for sentence in parameter_dependence(identification).sentences:
             console.print(f"  {sentence}")
         console.print(
@@ -123,6 +141,22 @@ def show_identification(console: Console, identification: Identification, *, par
         console.print(f"! {warning}", style="yellow")
 
 
+def _count_parameters(identification: Identification) -> ReportedTable:
+    """Return how many parameters of each effect are determined: a humanoid has too many of them to list."""
+    counts: dict[str, Counter[str]] = {}
+    for parameter in identification.parameters:
+        if parameter.essential:
+            counts.setdefault(get_effect_title(parameter.effect), Counter())[parameter.judgement] += 1
+    counts["all"] = sum(counts.values(), Counter())
+    judgements = [kind for kind in PARAMETER_JUDGEMENTS if counts["all"][kind]]
+    rows = tuple(
+        (Cell(name), *(Cell(str(count), count) for count in (*(own[kind] for kind in judgements), own.total())))
+        for name, own in counts.items()
+    )
+    heads = ("effect", *(PARAMETER_JUDGEMENTS[kind].words for kind in judgements), "parameters")
+    return ReportedTable("Base parameters", heads, rows)
+
+
 def show_essential(console: Console, path: EssentialPath) -> None:
     """Print the steps of the backward elimination and the essential parameters."""
     print_tables(console, (reported_table.drop_columns(*_TOO_WIDE) for reported_table in build_essential_tables(path)))
@@ -131,7 +165,7 @@ def show_essential(console: Console, path: EssentialPath) -> None:
 
 def show_comparison(console: Console, name: str, comparison: Comparison, judgement: Judgement) -> None:
     """Print the errors per joint, their ratio to the noise floor, and the intervals with the largest residuals."""
-    print_tables(console, [compare_by_joint(name, comparison, judgement)])
+    print_tables(console, [fold_joints(compare_by_joint(name, comparison, judgement), "moving", last=1)])
     if (comparison.phase == Phase.STANDING).any():
         console.print(
             "  While a joint stands still, static friction may balance the torque. Compared with the predicted torque "
@@ -206,7 +240,7 @@ def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
         print_tables(console, [tables["changes"].drop_columns(EVIDENCE[-1])])
     _show_evidence(console, diagnosis.changes or ())
     if "friction" in tables:
-        print_tables(console, [tables["friction"]])
+        print_tables(console, [fold_joints(tables["friction"], "relative to before")])
     if diagnosis.recommended:
         both = "; ".join(format_choice(choice, robot.joint_names) for choice in diagnosis.recommended)
         console.print(f"  Missing in the model before and after: {both}")
@@ -251,7 +285,8 @@ def show_verdict(console: Console, verdict: ModelVerdict, effects: Sequence[Effe
             command = command.replace("EFFECTS", shlex.quote(",".join(map(format_effect, effects))))
             step = f"{use.next_step.removesuffix('.')}: {command}" if command else use.next_step
             console.print(f"    → {step}", soft_wrap=True)
-        print_tables(console, (table for table in build_verdict_tables(verdict) if table.name == "drift"))
+        drift = (table for table in build_verdict_tables(verdict) if table.name == "drift")
+        print_tables(console, (fold_joints(table, table.columns[1]) for table in drift))
     for step in verdict.next_steps:
         console.print(f"→ {step}")
 

@@ -151,6 +151,8 @@ def test_many_joints_are_told_in_groups():
     assert join_joint_names([j for j in joints if "knee" not in j], joints) == "all but left/right_knee"
     assert join_joint_names(["left_hip", "right_hip", "left_toe"], joints) == "left/right_hip, left_toe"
     assert join_joint_names([], joints) == ""
+    assert join_joint_names(joints[:5], joints, 3) == "5 of 8 joints"
+    assert join_joint_names(["left_hip", "right_hip", "left_toe"], joints, 2) == "left/right_hip, left_toe"
 
 
 def test_the_figure_has_all_effects_and_the_table_one_row_an_effect(clean):

@@ -8,6 +8,7 @@ from dynident.effects import CATALOGUE, ShapeSpec
 from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.presentation.model_tables import build_shape_table
 from dynident.presentation.tables import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
+from dynident_cli.printed_results import fold_joints
 
 KINDS = [(effect.id, spec) for effect in CATALOGUE.values() for spec in effect.shapes if spec.words]
 
@@ -38,3 +39,25 @@ def test_columns_of_figures_are_those_with_values_or_intervals() -> None:
 def test_an_interval_without_an_end_is_none() -> None:
     assert make_interval_cell((None, 2.0)).text == "–"
     assert make_interval_cell(None, "not identifiable").text == "not identifiable"
+
+
+def test_a_long_table_is_folded_to_the_rows_with_the_largest_numbers() -> None:
+    values = [0.1, -5.0, None, 0.3, 4.0, 0.2]
+    rows = tuple((*make_text_cells(f"joint{k}"), make_number_cell(value, 2)) for k, value in enumerate(values))
+    table = ReportedTable("Errors", ("joint", "error"), (*rows, (*make_text_cells("all"), make_number_cell(9.0, 2))))
+    folded = table.fold_rows("error", most=3, last=1)
+    # In their order: what has no number, such as a simulation that diverged, and the largest ones, whatever their sign.
+    assert [row[0] for row in folded.texts] == ["joint1", "joint2", "joint4", "3 others", "all"]
+    assert folded.texts[3] == ["3 others", "at most 0.30"]
+    assert table.fold_rows("error", most=5, last=1) is table
+
+
+def test_tables_of_a_humanoid_on_the_screen_show_its_worst_joints() -> None:
+    def build(count: int) -> ReportedTable:
+        rows = tuple((*make_text_cells(f"joint{k}"), make_number_cell(float(k))) for k in range(count))
+        return ReportedTable("Errors", ("joint", "error"), rows)
+
+    arm, humanoid = build(12), build(29)
+    assert fold_joints(arm, "error") is arm
+    names = [row[0] for row in fold_joints(humanoid, "error").texts]
+    assert names == [*(f"joint{k}" for k in range(21, 29)), "21 others"]

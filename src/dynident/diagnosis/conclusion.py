@@ -13,7 +13,7 @@ from dynident.diagnosis.search.identifiability_and_invisible_effects import comp
 from dynident.effects import get_effect
 from dynident.identification import Identification
 from dynident.number_format import format_percent
-from dynident.robot.joint import join_joint_names
+from dynident.robot.joint import MANY_NAMES, join_joint_names
 
 
 def compute_held_out_ratio(identification: Identification) -> float:
@@ -96,7 +96,7 @@ def _word_blind(blind: Sequence[DetectionLimit], joint_names: Sequence[str]) -> 
     for limit in blind:
         places.setdefault(limit.effect, []).extend(limit.joints)
     texts = [
-        f"{get_effect(effect).title}{f' on {join_joint_names(joints, joint_names)}' if joints else ''}"
+        f"{get_effect(effect).title}{f' on {join_joint_names(joints, joint_names, MANY_NAMES)}' if joints else ''}"
         for effect, joints in places.items()
     ]
     return f"These effects would not have shown in their usual size: {'; '.join(texts)}."

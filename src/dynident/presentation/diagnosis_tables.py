@@ -11,6 +11,7 @@ import numpy as np
 from dynident.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.presentation.labels import format_joints, format_shape_constants, get_effect_title
 from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.robot.joint import MANY_NAMES
 
 if TYPE_CHECKING:
     # For type checkers alone: the tables of a model are printed without any diagnosis, and a diagnosis needs nothing of
@@ -335,7 +336,7 @@ def build_limit_table(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTa
     for effect in dict.fromkeys(limit.effect for limit in limits):
         own = [limit for limit in limits if limit.effect == effect]
         blind = [name for limit in own if limit.share > 1.0 for name in limit.joints or ("",)]
-        where = "" if not blind else "the whole robot" if blind == [""] else format_joints(blind, joints)
+        where = "" if not blind else "the whole robot" if blind == [""] else format_joints(blind, joints, MANY_NAMES)
         sizes = (_format_sizes(own), _format_range([limit.share for limit in own]))
         rows.append(
             (Cell(get_effect_title(effect)), *(Cell(text, is_figures=True) for text in sizes), Cell(where or "–"))

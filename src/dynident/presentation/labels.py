@@ -14,8 +14,7 @@ from dynident.identification.thresholds import LARGEST_CONDITION_NUMBER, Paramet
 from dynident.number_format import NARROW_SPACE, format_estimate, format_number
 from dynident.presentation.tables import Mark
 from dynident.robot import Robot
-from dynident.robot.joint import join_joint_names
-from dynident.robot.json_fields import join_names
+from dynident.robot.joint import MANY_NAMES, join_joint_names
 
 if TYPE_CHECKING:
     # For type checkers alone: most users of this module need no diagnosis, which takes long to load.
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 _MANY_JOINTS = 8
 
 
-def format_joints(joints: Sequence[str], all_joints: Sequence[str]) -> str:
+def format_joints(joints: Sequence[str], all_joints: Sequence[str], most: int | None = None) -> str:
     """Return the names of some joints as text.
 
     Parameters
@@ -34,8 +33,10 @@ def format_joints(joints: Sequence[str], all_joints: Sequence[str]) -> str:
         Names of the joints; empty: the effect belongs to the whole robot.
     all_joints : sequence of str
         All joints of the robot. Of many joints those that are left out are named ("all but knee").
+    most : int, optional
+        Of more names than these only the number of joints is given.
     """
-    return join_joint_names(joints, all_joints) if joints else "the whole robot"
+    return join_joint_names(joints, all_joints, most) if joints else "the whole robot"
 
 
 def format_choice(choice: EffectChoice, all_joints: Sequence[str]) -> str:
@@ -75,7 +76,8 @@ def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:
         joints.setdefault(item.effect, set()).update(item.joints or robot.joint_names)
     texts = []
     for effect, names in joints.items():
-        where = f" on {join_names(name for name in robot.joint_names if name in names)}" if len(names) < robot.n else ""
+        some = [name for name in robot.joint_names if name in names]
+        where = f" on {join_joint_names(some, robot.joint_names, MANY_NAMES)}" if len(names) < robot.n else ""
         texts.append(f"{get_effect(effect).title}{where}")
     return "; ".join(texts)
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from math import isfinite
 from textwrap import wrap
 from typing import Literal
 
@@ -93,6 +93,34 @@ class ReportedTable:
         rows = tuple(tuple(row[k] for k in remaining) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in remaining), rows=rows)
 
+    def fold_rows(self, column: str, most: int, last: int = 0) -> ReportedTable:
+        """Return the table with the rows whose numbers in a column are the largest, and one row for all others.
+
+        Parameters
+        ----------
+        column : str
+            Head of the column.
+        most : int
+            Rows that are kept, in their order; one without a number comes before all others, whose signs do not count.
+        last : int
+            Rows at the end that are kept as they are, such as sums.
+
+        Returns
+        -------
+        ReportedTable
+            The table itself where it has few rows.
+        """
+        own, index = self.rows[: len(self.rows) - last], self.columns.index(column)
+        if len(own) <= most + 1:
+            return self
+        values = [row[index].value for row in own]
+        order = sorted(range(len(own)), key=lambda k: -math.inf if (value := values[k]) is None else -abs(value))
+        bound = Cell(f"at most {own[order[most]][index].text.lstrip('+−')}", is_figures=True)
+        rest = [Cell(f"{len(own) - most} others"), *(Cell("") for _ in self.columns[1:])]
+        rest[index] = bound
+        rows = (*(own[k] for k in sorted(order[:most])), tuple(rest), *self.rows[len(own) :])
+        return replace(self, rows=rows, groups=(), marked_rows=())
+
     def is_figures(self, column: int) -> bool:
         """Return whether a column holds numbers, or intervals of them."""
         return any(row[column].value is not None or row[column].is_figures for row in self.rows)
@@ -156,6 +184,6 @@ def make_percent_cells(values: Iterable[float | None]) -> list[Cell]:
 
 def make_interval_cell(ends: tuple[float | None, float | None] | None, absent: str = "–") -> Cell:
     """Return a cell for the ends of an interval."""
-    if ends is None or any(end is None or not isfinite(end) for end in ends):
+    if ends is None or any(end is None or not math.isfinite(end) for end in ends):
         return Cell(absent)
     return Cell(" to ".join(format_number(end) for end in ends), is_figures=True)

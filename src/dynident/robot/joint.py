@@ -111,7 +111,11 @@ _FEW_MISSING = 3
 """Joints that are left out are named instead of the others if there are at most so many, and more of the others."""
 
 
-def join_joint_names(joints: Sequence[str], all_joints: Sequence[str]) -> str:
+MANY_NAMES = 6
+"""More names than these are no help in a list beside others: it says how many joints there are."""
+
+
+def join_joint_names(joints: Sequence[str], all_joints: Sequence[str], most: int | None = None) -> str:
     """Join the names of joints: "all joints", "all but knee", or the names, left and right ones together.
 
     Parameters
@@ -120,6 +124,8 @@ def join_joint_names(joints: Sequence[str], all_joints: Sequence[str]) -> str:
         Names of the joints.
     all_joints : sequence of str
         All joints of the robot.
+    most : int, optional
+        Of more names than these, left and right ones together, only the number of joints is given: "15 of 29 joints".
 
     Returns
     -------
@@ -131,7 +137,8 @@ def join_joint_names(joints: Sequence[str], all_joints: Sequence[str]) -> str:
     missing = [name for name in all_joints if name not in joints]
     if len(missing) <= _FEW_MISSING and len(joints) > 2 * len(missing):
         return f"all but {' and '.join(_merge_sides(missing))}"
-    return ", ".join(_merge_sides(joints))
+    names = _merge_sides(joints)
+    return ", ".join(names) if most is None or len(names) <= most else f"{len(joints)} of {len(all_joints)} joints"
 
 
 def _merge_sides(joints: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -28,6 +28,9 @@ from dynident_cli.shared_options import (
     file_option,
     repeatable_option,
 )
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 # Share of the speed of a first run, as the warnings of a design advise.
 _FIRST_SPEED = 1 / 3
@@ -65,6 +68,7 @@ def simulate(
 ) -> None:
     """Simulate recordings of a virtual robot on a trajectory."""
     from dynident.file_output import TABLE_ENDINGS, check_ending
+    from dynident.presentation.tables import Cell, ReportedTable, make_number_cell
     from dynident.progress import scale_progress
     from dynident.recordings.arrow_tables import write_table
     from dynident.simulation import (
@@ -74,7 +78,13 @@ def simulate(
         resolve_true_effects,
     )
     from dynident.simulation import simulate as simulate_robot
-    from dynident_cli import argument_loading, command_output, contract_documents, design_and_simulation_files
+    from dynident_cli import (
+        argument_loading,
+        command_output,
+        contract_documents,
+        design_and_simulation_files,
+        printed_results,
+    )
 
     check_ending(out, TABLE_ENDINGS)
     machine = argument_loading.load_robot_argument(robot, additions)
@@ -91,19 +101,26 @@ def simulate(
             scale_progress(progress, 0.2, 1.0),
         )
     write_table(build_recording_table(measurement), out)
-    rows = [
-        [joint.name, f"{measurement.noise[j]:.3g} {joint.effort_unit}", f"{measurement.tracking_error[j]:.2g}"]
+    rows = tuple(
+        (
+            Cell(joint.name),
+            make_number_cell(float(measurement.noise[j]), unit=joint.effort_unit),
+            make_number_cell(float(measurement.tracking_error[j]), 2),
+        )
         for j, joint in enumerate(machine.joints)
-    ]
+    )
     columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
+    table = ReportedTable("", columns, rows)
+
+    def show(console: Console) -> None:
+        command_output.print_tables(console, [printed_results.fold_joints(table, columns[2])])
+        for effect in hidden:
+            console.print(f"in it: {design_and_simulation_files.format_true_effect(effect)}")
+
     command_output.print_result(
         as_json,
         lambda: contract_documents.describe_simulation(measurement, rate),
-        lambda console: console.print(
-            command_output.build_table("", columns, rows),
-            *(f"in it: {design_and_simulation_files.format_true_effect(effect)}" for effect in hidden),
-            sep="\n",
-        ),
+        show,
         f"{measurement.n_samples} samples at {rate:g} Hz written to {out}",
     )
 
