@@ -321,6 +321,10 @@ class FoldFit:
             self._whole.append(np.maximum(squares, np.finfo(float).tiny))
             self._right.append(right[portion.columns] * is_present)
 
+    def get_remaining_products(self, number: int) -> FloatArray:
+        """Return the products (g, k, k) of what the model leaves of the columns of a portion's candidates."""
+        return self._rest[number]
+
     def fit_amplitudes(self, number: int) -> FloatArray:
         """Return the parameters (g, k) of a portion's candidates, each fitted beside the model."""
         scale, normal = self._scale_products(number)

@@ -23,7 +23,7 @@ KINDS = ("interleaved", "contiguous")
 N_FOLDS = 5
 N_PARTS = 10
 # Share of a column's squares in one fold from which on the others do not determine its parameter.
-_NEARLY_ALL = 0.9
+NEARLY_ALL = 0.9
 # A pause of this share of all the time parts two runs.
 _PAUSE = 0.1
 
@@ -372,7 +372,7 @@ def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> boo
         squares = data.take_products(joint, places, places)
         inside[have] += squares[part].sum(axis=0)
         whole[have] += squares.sum(axis=0)
-    return bool((inside > _NEARLY_ALL * whole).any())
+    return bool((inside > NEARLY_ALL * whole).any())
 
 
 def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:

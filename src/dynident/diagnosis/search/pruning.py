@@ -12,9 +12,9 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
-from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors
+from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, compute_held_out_errors
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.candidates.time_blocks_and_folds import can_leave_out_runs
+from dynident.diagnosis.candidates.time_blocks_and_folds import NEARLY_ALL, Products, can_leave_out_runs
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
@@ -27,6 +27,9 @@ from dynident.identification.identified_models.held_out_gain import IN_PASSING
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
+
+_SHOWN = 1e-6
+"""Share of the squares of what the data show best of a finding, below which they show a combination not at all."""
 
 
 def select_harmless(state: State, columns: Sequence[tuple[int, ...]]) -> list[int]:
@@ -50,10 +53,31 @@ def _is_harmless(state: State, own: tuple[int, ...]) -> bool:
     larger, noise = replace(state, base=state.base + own), state.noise
     rows = larger.rows
     # Whole runs are the harder test: they are other motions, or other days.
-    kind = "runs" if can_leave_out_runs(rows, larger.columns) else "parts"
+    by_runs = can_leave_out_runs(rows, larger.columns) and _is_shown_by_several_runs(state, rows, own)
+    kind = "runs" if by_runs else "parts"
     before, after = (compute_held_out_errors(rows, model.columns, noise, kind) for model in (state, larger))
     # As in scoring, no loss counts for more than there was: a part left out may be what decides.
     return not _is_harmful(before / noise**2, np.minimum(after, 2.0 * before) / noise**2)
+
+
+def _is_shown_by_several_runs(state: State, rows: Products, own: tuple[int, ...]) -> bool:
+    """Return whether the parameters of a finding are known beside the model without any one of the runs.
+
+    A load on a shank has large columns in every run, but while the feet stand, they say what columns of the model say:
+    only the runs in which the foot is lifted show it.
+    """
+    blocks = JointBlocks.from_products(rows, state.columns, [Candidate("", (), (), own)])
+    fits = FoldedFits.from_blocks(rows, blocks, state.noise, ("runs",))
+    (whole,) = fits.whole.get_remaining_products(0)
+    scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
+    sizes, directions = np.linalg.eigh(whole / np.outer(scale, scale))
+    # Combinations that no run shows are not in question.
+    shown = sizes > _SHOWN * sizes[-1]
+    whitening = directions[:, shown] / np.sqrt(sizes[shown]) / scale[:, None]
+    return all(
+        np.linalg.eigvalsh(whitening.T @ fit.get_remaining_products(0)[0] @ whitening)[0] > 1.0 - NEARLY_ALL
+        for fit in fits.fits[0]
+    )
 
 
 def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
