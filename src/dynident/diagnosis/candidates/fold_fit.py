@@ -323,7 +323,7 @@ class FoldFit:
 
     def get_remaining_products(self, number: int) -> FloatArray:
         """Return the products (g, k, k) of what the model leaves of the columns of a portion's candidates."""
-        return self._rest[number]
+        return np.asarray(self._rest[number])
 
     def fit_amplitudes(self, number: int) -> FloatArray:
         """Return the parameters (g, k) of a portion's candidates, each fitted beside the model."""
