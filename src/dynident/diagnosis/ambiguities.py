@@ -2,8 +2,7 @@
 
 Holds how many rivals a question names.
 
-A wrong name is an effect that leaves more than it explains, or that another function of the position replaces. Findings
-that were made beside such a name, and would not have been made without it, go with it.
+A wrong name is an effect that leaves more than it explains, or that another function of the position replaces.
 """
 
 from __future__ import annotations
@@ -72,38 +71,6 @@ def find_misnamed(
                 wrong.append(number)
                 break
     return wrong
-
-
-def find_dependent_findings(
-    findings: Sequence[Finding], wrong: Sequence[int], first: Sequence[ScoredCandidate]
-) -> list[int]:
-    """Return the numbers of the findings on the joints of a wrong name that do not pass without it.
-
-    Beside a wrong curve something else may make up for its errors.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        The findings.
-    wrong : sequence of int
-        Numbers of the wrong names.
-    first : sequence of ScoredCandidate
-        All candidates, scored before anything was found.
-
-    Returns
-    -------
-    list of int
-        Numbers of the findings that go with the wrong names.
-    """
-    alone = {scored.candidate: scored for scored in first}
-    dependent = []
-    for number, finding in enumerate(findings):
-        mine = finding.judged
-        shares_joint = any(set(findings[k].judged.joints) & set(mine.joints) for k in wrong)
-        before = alone.get(mine.candidate)
-        if shares_joint and number not in wrong and before is not None and not before.is_significant():
-            dependent.append(number)
-    return dependent
 
 
 # More rivals would make a question that no single experiment decides.
@@ -286,7 +253,7 @@ def _is_nearly_as_good(scored: ScoredCandidate, best: ScoredCandidate | None, co
     # A gain that is only somewhat smaller is a rival where the blocks disagree about which of the two is better.
     return (
         scored.total_gain >= RULES.uneven_rival_gain * best.total_gain
-        and compute_t(best.gains - scored.gains) < RULES.rival_t
+        and compute_t(best.gains - scored.gains) < RULES.clear_t
     )
 
 

@@ -181,8 +181,6 @@ class ScoredCandidate:
     drop : float
         Share of the squared held-out error that it removes, the smaller of the two kinds of folds: on the joint where
         that share is largest for an effect of one joint or of the whole robot, on all its joints for a group.
-    total_drop : float
-        The same over all joints that it acts on.
     t : float
         t of the roots of the gains over the blocks.
     gains : (s,)
@@ -206,7 +204,6 @@ class ScoredCandidate:
     before: FloatArray
     after: FloatArray
     drop: float
-    total_drop: float
     t: float
     gains: FloatArray
     separability: float
@@ -366,7 +363,6 @@ def combine_scores(
         after=after,
         # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
         drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
-        total_drop=min(totals),
         t=float(compute_evenness(mean_gain[None])[0]),
         gains=mean_gain,
         separability=scores[0].separability,
@@ -431,10 +427,6 @@ def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
     remaining = float(simpler.after_weighted.sum())
     more = float(difference.sum())
     # Much more is decided by size alone; little more has to be large against what is left, and even over the blocks.
-    if more >= RULES.much_more * best.total_gain:
+    if more >= RULES.more_for_parameters * best.total_gain:
         return True
-    return (
-        more >= RULES.least_drop * remaining
-        and more >= RULES.hardly_more * best.total_gain
-        and compute_t(difference) >= 2.0
-    )
+    return more >= RULES.least_drop * remaining and compute_t(difference) >= RULES.clear_t

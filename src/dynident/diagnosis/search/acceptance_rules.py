@@ -178,11 +178,7 @@ def has_gain_on_joint(state: State, scored: ScoredCandidate, joint: int) -> bool
     gain = before - scored.after[:, joint] / state.noise[joint] ** 2
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    # A large gain may be less even: an effect that shows at few places is there all the same.
-    even = (
-        float(gain.mean())
-        >= (state.rules.joint_t if share < state.rules.large_joint_drop else state.rules.large_joint_t) * spread
-    )
+    even = float(gain.mean()) >= state.rules.clear_t * spread
     large = compute_gain_over_floor(state, scored, joint) >= get_least_gain(get_effect(scored.candidate.effect))
     return share >= state.rules.joint_drop and even and large
 

@@ -139,7 +139,7 @@ def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
 def _are_told_apart(less: ScoredCandidate, more: ScoredCandidate) -> bool:
     """Return whether one of two candidates gains more than another evenly, and more than a constant would by chance."""
     difference = more.gains - less.gains
-    return compute_t(difference) >= RULES.apart_t and _exceeds_constant(float(difference.sum()), more)
+    return compute_t(difference) >= RULES.clear_t and _exceeds_constant(float(difference.sum()), more)
 
 
 def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:

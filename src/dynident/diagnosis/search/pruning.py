@@ -84,7 +84,7 @@ def prune_findings(state: State) -> State:
         weak = [
             (scored, finding)
             for scored, finding in judged
-            if not scored.is_still_helpful(state.rules.joint_drop, state.rules.staying_finding_t)
+            if not scored.is_still_helpful(state.rules.joint_drop, state.rules.sure_t)
             or any(is_shadowed(scored, other, state.floor) for other, rival in judged if rival is not finding)
         ]
         if not weak:
@@ -124,11 +124,10 @@ def _select_members(state: State, group: Candidate) -> tuple[tuple[str, ...], St
         (scored,) = score_all(rest, [alone])
         # If no joint passes, the one that gains most stands for the group.
         gains[joint] = scored.total_gain
-        least_t = rules.joint_t if scored.drop < rules.large_joint_drop else rules.large_joint_t
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
         if pool.is_change(alone) and not is_physically_possible(rest, scored):
             state = rest
-        elif _has_gain(state, scored, least_t):
+        elif _has_gain(state, scored, rules.clear_t):
             firm.append(joint)
         elif _has_gain(state, scored, rules.staying_t):
             likely.append(joint)
