@@ -7,7 +7,7 @@ A wrong name is an effect that leaves more than it explains, or that another fun
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
@@ -19,7 +19,6 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern, Variable
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.estimation.residual_errors import compute_t
 from dynident.robot.robot_model import Robot
 
 _KINDS = ("position", "other_joints")
@@ -131,7 +130,6 @@ def list_doubts(
     doubts = []
     for finding, choice in zip(findings, recommended, strict=True):
         others = tuple(other for other in recommended if other is not choice)
-        # What came near matters where nothing is equal: with equals there is a plainer question to ask.
         rivals = _list_rivals(choice, finding.equal)
         doubt = Doubt(choice, rivals, others) if rivals else _find_near_doubt(choice, others, judged)
         doubts += [doubt] if doubt else []
@@ -188,12 +186,17 @@ def _is_elsewhere(other: EffectChoice, choice: EffectChoice) -> bool:
 def _find_near_doubt(
     choice: EffectChoice, others: tuple[EffectChoice, ...], judged: Sequence[ScoredCandidate]
 ) -> Doubt | None:
-    """Return the doubt raised by a candidate that gains nearly as much as a finding, on some or all of its joints."""
-    own = _find_best_by_place(choice, judged)
+    """Return the doubt raised by what is easily confused with a finding and gains nearly as much on some of its joints.
+
+    What came near matters where nothing is equal: with equals there is a plainer question to ask.
+    """
+    best = _find_best_by_place(choice, judged)
     near = [
         scored
         for scored in judged
-        if _is_nearly_as_good(scored, _find_counterpart(scored, choice, own), _are_confused(scored, choice))
+        if _are_confused(scored, choice)
+        and (own := best.get(_get_place(scored.candidate.joints, choice))) is not None
+        and scored.total_gain >= RULES.rival_gain * own.total_gain > 0.0
     ]
     # The strongest rival decides which joints are at issue; weaker ones at the same place join it.
     for first in sorted(near, key=lambda scored: -scored.total_gain):
@@ -229,32 +232,10 @@ def _get_place(joints: Sequence[str], choice: EffectChoice) -> frozenset[str]:
     return frozenset(joints) if joints and choice.joints else frozenset(choice.joints)
 
 
-def _find_counterpart(
-    scored: ScoredCandidate, choice: EffectChoice, own: Mapping[frozenset[str], ScoredCandidate]
-) -> ScoredCandidate | None:
-    """Return the candidate of the finding that a rival is compared with; None where they do not compare."""
-    if bool(scored.candidate.joints) == bool(choice.joints):
-        return own.get(frozenset(scored.candidate.joints))
-    # What is on a joint and what belongs to the whole robot are known to be taken for one another, or they are not.
-    return own.get(frozenset(choice.joints)) if _are_confused(scored, choice) else None
-
-
 def _are_confused(scored: ScoredCandidate, choice: EffectChoice) -> bool:
     """Return whether the catalogue warns that one of two effects is taken for the other."""
     name = scored.candidate.effect
     return name in get_effect(choice.effect).confused_with or choice.effect in get_effect(name).confused_with
-
-
-def _is_nearly_as_good(scored: ScoredCandidate, best: ScoredCandidate | None, confused: bool) -> bool:
-    if best is None or scored.total_gain <= 0:
-        return False
-    if scored.total_gain >= (RULES.confused_rival_gain if confused else RULES.rival_gain) * best.total_gain:
-        return True
-    # A gain that is only somewhat smaller is a rival where the blocks disagree about which of the two is better.
-    return (
-        scored.total_gain >= RULES.uneven_rival_gain * best.total_gain
-        and compute_t(best.gains - scored.gains) < RULES.clear_t
-    )
 
 
 def _build_unseen_choice(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:

@@ -162,14 +162,9 @@ class DecisionRules:
     much_left_over: float = _declare_level(1.5, "-",
         "The same for any effect of one joint and any variable",
         "The rest is then larger than what the effect explained")
-    rival_gain: float = _declare_level(0.95, "-",
-        "Share of the gain of a finding from which on a candidate is a rival, for which an experiment is designed",
-        "Errors of a simulated model elsewhere shift gains by some per cent")
-    uneven_rival_gain: float = _declare_level(0.8, "-",
-        "The same if the blocks disagree which of the two gains more",
-        "If the blocks agree, the data have already decided")
-    confused_rival_gain: float = _declare_level(0.7, "-",
-        "The same for effects that are easily confused according to the catalogue",
+    rival_gain: float = _declare_level(0.7, "-",
+        "Share of the gain of a finding from which on an effect that is easily confused with it is a rival, for which "
+        "an experiment is designed",
         "A power law with an exponent between the values of the grid gained 0.78 of Stribeck friction, which was "
         "named instead")
     most_blind: float = _declare_level(0.5, "-",
