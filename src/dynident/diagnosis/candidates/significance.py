@@ -253,26 +253,6 @@ class ScoredCandidate:
         before, after = float(self.before[:, joints].sum()), float(self.after[:, joints].sum())
         return 1.0 - float(np.sqrt(after / before)) if before > 0 else 0.0
 
-    def is_significant(self, level: float = ALPHA) -> bool:
-        """Return whether the improvement is large enough to matter, and no chance among all that was tried.
-
-        By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
-        """
-        matters = self.drop >= RULES.least_drop and self.error_drop >= RULES.least_error_drop
-        return matters and self.p <= level and self.t >= compute_least_t(len(self.gains), level)
-
-    def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
-        """Return whether it still improves the prediction beside all that was found.
-
-        Parameters
-        ----------
-        least_drop : float
-            Share of the error that it has to remove.
-        least_t : float
-            Least t of its gain over the blocks.
-        """
-        return self.drop >= least_drop and self.t >= least_t
-
 
 @dataclass(frozen=True, eq=False)
 class BaselineErrors:

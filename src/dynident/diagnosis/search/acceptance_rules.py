@@ -80,7 +80,7 @@ def find_rejection(state: State, scored: ScoredCandidate) -> Reason | None:
     """Return the first rule that a candidate fails, as a reason; None where it passes them all."""
     rules = (
         _check_visibility,
-        _check_significance,
+        check_significance,
         _check_size,
         _check_reach,
         _check_shadows,
@@ -96,8 +96,11 @@ def _check_visibility(state: State, scored: ScoredCandidate) -> Reason | None:
     return Reason.build("not_determined", share=scored.separability, least=state.rules.least_separability)
 
 
-def _check_significance(state: State, scored: ScoredCandidate) -> Reason | None:
-    """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice."""
+def check_significance(state: State, scored: ScoredCandidate) -> Reason | None:
+    """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice.
+
+    By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
+    """
     if scored.p > state.level:
         return Reason.build("not_significant", p=scored.p, level=state.level)
     if scored.drop < state.rules.least_drop:

@@ -84,7 +84,8 @@ def prune_findings(state: State) -> State:
         weak = [
             (scored, finding)
             for scored, finding in judged
-            if not scored.is_still_helpful(state.rules.joint_drop, state.rules.sure_t)
+            if scored.drop < state.rules.joint_drop
+            or scored.t < state.rules.sure_t
             or any(is_shadowed(scored, other, state.floor) for other, rival in judged if rival is not finding)
         ]
         if not weak:
@@ -145,7 +146,7 @@ def _has_gain(state: State, alone: ScoredCandidate, least_t: float) -> bool:
     """Return whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
     joint = state.pool.observation.robot.get_movers(alone.candidate.joints[0])[0]
     least_gain = get_least_gain(get_effect(alone.candidate.effect))
-    is_helpful = alone.is_still_helpful(state.rules.joint_drop, least_t)
+    is_helpful = alone.drop >= state.rules.joint_drop and alone.t >= least_t
     return is_helpful and compute_gain_over_floor(state, alone, joint) >= least_gain
 
 
