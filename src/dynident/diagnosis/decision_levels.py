@@ -105,10 +105,11 @@ class DecisionRules:
         "One in forty by chance", "equal_terms")
     staying_t: float = _declare_level(1.0, "-",
         "t from which on a joint stays in a group that contains most joints",
-        "Five of six such gains are not chance")
+        "Five of six such gains are not chance; without it, a recorded UR10e loses the slip of a joint")
     own_drop: float = _declare_level(0.1, "-",
         "Share of the residual under a group's constants that a joint's own constants must remove",
-        "Less may be the difference between the values of the grid", "joints_of_a_group")
+        "Less may be the difference between the values of the grid; without it, a recorded UR10e loses friction of a "
+        "joint", "joints_of_a_group")
     sure_t: float = _declare_level(2.5, "-",
         "t of the gain of a finding when all others are in the model, and of a joint's own constants",
         "One in a hundred by chance, and some twelve findings are tested", "joints_of_a_group")
