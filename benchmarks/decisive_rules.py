@@ -69,6 +69,10 @@ WORDS = {
 """Names of the cases in folders, as the catalogue has them."""
 
 
+Runs = Sequence[Recording]
+Prepared = tuple[Identification, Runs, Runs, Runs]
+
+
 @dataclass(frozen=True)
 class Case:
     """A case: how it is prepared, and groups of names of which each has to be among the findings.
@@ -78,13 +82,13 @@ class Case:
     name : str
         Name of the case.
     prepare : callable
-        Returns the model, the recordings, and those of a baseline.
+        Returns the model, the recordings, those of a baseline, and held-out ones.
     accept : tuple of tuple of str
         A group for each hidden effect; none for a clean arm.
     """
 
     name: str
-    prepare: Callable[[], tuple[Identification, Sequence[Recording], Sequence[Recording]]]
+    prepare: Callable[[], Prepared]
     accept: tuple[tuple[str, ...], ...]
 
 
@@ -187,11 +191,11 @@ def list_cases(seed: int, folders: Sequence[Path], small: int, halting: int, mes
             yield Case(kind, lambda path=path: prepare_folder(path), () if groups == (("none",),) else groups)
 
 
-def prepare_folder(path: Path) -> tuple[Identification, Sequence[Recording], Sequence[Recording]]:
+def prepare_folder(path: Path) -> Prepared:
     """Identify the arm of a folder."""
     robot = robot_from_urdf(path.parent.name, (path / "robot.urdf").read_text())
     fit, held = (read_csv(path / name, robot.joint_names) for name in ("data.csv", "holdout.csv"))
-    return identify(robot, [fit], [held]), [fit], ()
+    return identify(robot, [fit], [held]), [fit], (), [held]
 
 
 def read_csv(path: Path, joints: Sequence[str]) -> Recording:
@@ -209,29 +213,29 @@ def read_csv(path: Path, joints: Sequence[str]) -> Recording:
     )
 
 
-def prepare_small(arm: small_arms.SmallArm) -> tuple[Identification, Sequence[Recording], Sequence[Recording]]:
+def prepare_small(arm: small_arms.SmallArm) -> Prepared:
     """Record a small arm and identify it."""
     robot, training, held_out = arm.record()
-    return identify(robot, [training], [held_out]), [training], ()
+    return identify(robot, [training], [held_out]), [training], (), [held_out]
 
 
-def prepare_simulated(each: Any) -> tuple[Identification, Sequence[Recording], Sequence[Recording]]:
+def prepare_simulated(each: Any) -> Prepared:
     """Simulate an arm and identify it."""
     data, robot = recorded(each), as_described(arm_by_name(each.arm), each.noise)
-    training = data.recordings(held_out=False)
-    return identify(robot, training, data.recordings(held_out=True)), training, ()
+    training, held_out = data.recordings(held_out=False), data.recordings(held_out=True)
+    return identify(robot, training, held_out), training, (), held_out
 
 
-def prepare_pair(pair: changes.Pair) -> tuple[Identification, Sequence[Recording], Sequence[Recording]]:
+def prepare_pair(pair: changes.Pair) -> Prepared:
     """Simulate two days of an arm and identify the first."""
     recordings = [changes.recorded(pair, day) for day in range(pair.days)]
     model = identify(as_described(arm_by_name(pair.arm), pair.seed), recordings[:1])
-    return model, recordings[1:], recordings[:1]
+    return model, recordings[1:], recordings[:1], ()
 
 
 def switch_off_in_groups(case: Case, switches: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any], float]:
     """Diagnose a case with all rules, and find the switches that change its outcome."""
-    identification, recordings, baseline = case.prepare()
+    identification, recordings, baseline, held_out = case.prepare()
     results: dict[str, Any] = {}
 
     def explore(finish: Callable[[Sequence[str]], Any]) -> None:
@@ -257,7 +261,9 @@ def switch_off_in_groups(case: Case, switches: Sequence[str]) -> tuple[dict[str,
                 groups += [group[: len(group) // 2], group[len(group) // 2 :]]
 
     begin = time.perf_counter()
-    before = fork_at_rules(lambda: summarise(diagnose(identification, recordings, baseline=baseline)), explore, begin)
+    before = fork_at_rules(
+        lambda: summarise(diagnose(identification, recordings, baseline=baseline, validation=held_out)), explore, begin
+    )
     return results["plain"], results.get("changed", {}), before + results["rest"]
 
 

@@ -48,7 +48,7 @@ def score(**values: float) -> ScoredCandidate:
     """A friction of one joint that removes half of the squared error in ten blocks, unless values say otherwise."""
     before = np.full((10, 1), 100.0)
     share = values.pop("share", 0.5)
-    numbers = {"drop": share, "total_drop": share, "t": 9.0, "separability": 0.8, "share_improved": 1.0, "p": 0.0005}
+    numbers = {"drop": share, "t": 9.0, "separability": 0.8, "share_improved": 1.0, "p": 0.0005}
     return ScoredCandidate(
         Candidate("viscous_asymmetric", ("elbow",), (), (1,)),
         (0,),

@@ -36,7 +36,8 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import (
     split_data_folds,
     split_folds,
 )
-from dynident.diagnosis.search.acceptance_rules import compute_stability
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.search.acceptance_rules import check_significance, compute_stability
 from dynident.diagnosis.search.next_finding import find_richer_changes
 from dynident.diagnosis.search.search_state import State
 from dynident.estimation import FactorAccumulator
@@ -353,19 +354,24 @@ def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> ScoredCa
     return replace(item, p=float(compute_familywise_p(item.gains[None], silent(item.gains[None]))[0]))
 
 
+def is_significant(item: ScoredCandidate) -> bool:
+    state = cast(State, SimpleNamespace(rules=RULES, level=RULES.significance))
+    return check_significance(state, item) is None
+
+
 def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():
     rng = np.random.default_rng(1)
     before = rng.uniform(0.9, 1.1, (40, 2))
     even = judged_alone(before, 0.9 * before, (0, 1))
     assert even.drop == pytest.approx(0.1)
-    assert even.is_significant()
+    assert is_significant(even)
     assert even.share_improved == 1.0
     small = judged_alone(before, 0.98 * before, (0, 1))
     assert small.p < 0.01
-    assert not small.is_significant()
-    assert not judged_alone(
-        before, before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5), (0, 1)
-    ).is_significant()
+    assert not is_significant(small)
+    assert not is_significant(
+        judged_alone(before, before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5), (0, 1))
+    )
 
 
 def test_a_loss_counts_for_no_more_than_there_was():
@@ -374,7 +380,7 @@ def test_a_loss_counts_for_no_more_than_there_was():
     after = 0.3 * before
     after[7] = 1e6
     item = judged_alone(before, after)
-    assert item.is_significant()
+    assert is_significant(item)
     assert item.gains.min() == pytest.approx(-before[7, 0], rel=1e-6)
 
 
@@ -382,7 +388,7 @@ def test_a_gain_in_one_kind_of_folds_alone_does_not_pass():
     before = np.random.default_rng(2).uniform(0.9, 1.1, (40, 2))
     item = combine_scores([scored(before, 0.5 * before), scored(before, 1.01 * before)], (0, 1), np.ones(2))
     assert item.drop < 0
-    assert not replace(item, p=0.0).is_significant()
+    assert not is_significant(replace(item, p=0.0))
 
 
 def test_one_stretch_with_most_of_the_error_does_not_decide():
@@ -392,7 +398,7 @@ def test_one_stretch_with_most_of_the_error_does_not_decide():
     after[0] = 0.0
     item = judged_alone(before, after)
     assert item.drop < 0.1
-    assert not item.is_significant()
+    assert not is_significant(item)
 
 
 def test_a_gain_counts_though_most_stretches_have_no_rows():
@@ -402,7 +408,7 @@ def test_a_gain_counts_though_most_stretches_have_no_rows():
     item = judged_alone(before, 0.2 * before, (0, 1))
     assert item.drop == pytest.approx(0.8)
     assert item.total_gain == pytest.approx(0.8 * before.sum())
-    assert item.is_significant()
+    assert is_significant(item)
     loud = before.copy()
     loud[0] = 100.0
     assert judged_alone(loud, np.where(loud > 10.0, 0.0, loud), (0, 1)).drop < 0.2

@@ -14,7 +14,7 @@ def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **m
     one = np.ones((len(gains), 1))
     values = {
         "candidate": Candidate(name, (), (), columns), "joints": (0,), "before": one, "after": one, "drop": 0.5,
-        "total_drop": 0.5, "t": t,
+        "t": t,
         "gains": gains, "separability": 1.0, "amplitudes": np.ones(len(columns)), "share_improved": 1.0,
         "measured": np.ones(1), "after_weighted": np.ones(len(gains)),
     }  # fmt: skip

@@ -2,25 +2,22 @@
 
 Holds how many rivals a question names.
 
-A wrong name is an effect that leaves more than it explains, or that another function of the position replaces. Findings
-that were made beside such a name, and would not have been made without it, go with it.
+A wrong name is a function of the position that leaves much of another one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import numpy as np
 
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern, Variable
+from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
-from dynident.estimation.residual_errors import compute_t
 from dynident.robot.robot_model import Robot
 
 _KINDS = ("position", "other_joints")
@@ -32,7 +29,7 @@ def find_misnamed(
     unknown: Sequence[UnknownPattern],
     final: Sequence[Comparison],
 ) -> list[int]:
-    """Return the numbers of the findings whose joint still depends on what they should have explained.
+    """Return the numbers of the functions of the position that leave much of the same kind of function.
 
     Parameters
     ----------
@@ -53,57 +50,19 @@ def find_misnamed(
     wrong = []
     for number, (finding, choice) in enumerate(zip(findings, recommended, strict=True)):
         judged = finding.judged
-        effect = get_effect(choice.effect)
-        of_position = effect.of_position
-        # A mass has no formula that could be another one, and what all recordings leave says nothing of some of them.
-        if effect.in_some_runs or (not of_position and len(choice.joints) != 1):
+        if not get_effect(choice.effect).of_position:
             continue
-        # Functions of the position are easily confused, so less of a remainder tells; other effects get the benefit of
-        # the doubt.
-        least, kinds = (RULES.left_over, _KINDS) if of_position else (RULES.much_left_over, get_args(Variable))
         # An effect across two joints has one name and acts on both.
-        here = [j for j in judged.joints if names[j] in choice.joints or (of_position and len(choice.joints) == 1)]
+        here = [j for j in judged.joints if names[j] in choice.joints or len(choice.joints) == 1]
         for j in here:
             removed = float((judged.before - judged.after)[:, j].sum())
             # A pattern's share is one of the residual that is left, so it is turned into a squared error for the
             # comparison.
-            remainders = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in kinds]
-            if remainders and max(remainders) > least * removed:
+            remainders = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in _KINDS]
+            if remainders and max(remainders) > RULES.left_over * removed:
                 wrong.append(number)
                 break
     return wrong
-
-
-def find_dependent_findings(
-    findings: Sequence[Finding], wrong: Sequence[int], first: Sequence[ScoredCandidate]
-) -> list[int]:
-    """Return the numbers of the findings on the joints of a wrong name that do not pass without it.
-
-    Beside a wrong curve something else may make up for its errors.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        The findings.
-    wrong : sequence of int
-        Numbers of the wrong names.
-    first : sequence of ScoredCandidate
-        All candidates, scored before anything was found.
-
-    Returns
-    -------
-    list of int
-        Numbers of the findings that go with the wrong names.
-    """
-    alone = {scored.candidate: scored for scored in first}
-    dependent = []
-    for number, finding in enumerate(findings):
-        mine = finding.judged
-        shares_joint = any(set(findings[k].judged.joints) & set(mine.joints) for k in wrong)
-        before = alone.get(mine.candidate)
-        if shares_joint and number not in wrong and before is not None and not before.is_significant():
-            dependent.append(number)
-    return dependent
 
 
 # More rivals would make a question that no single experiment decides.
@@ -164,7 +123,6 @@ def list_doubts(
     doubts = []
     for finding, choice in zip(findings, recommended, strict=True):
         others = tuple(other for other in recommended if other is not choice)
-        # What came near matters where nothing is equal: with equals there is a plainer question to ask.
         rivals = _list_rivals(choice, finding.equal)
         doubt = Doubt(choice, rivals, others) if rivals else _find_near_doubt(choice, others, judged)
         doubts += [doubt] if doubt else []
@@ -221,12 +179,17 @@ def _is_elsewhere(other: EffectChoice, choice: EffectChoice) -> bool:
 def _find_near_doubt(
     choice: EffectChoice, others: tuple[EffectChoice, ...], judged: Sequence[ScoredCandidate]
 ) -> Doubt | None:
-    """Return the doubt raised by a candidate that gains nearly as much as a finding, on some or all of its joints."""
-    own = _find_best_by_place(choice, judged)
+    """Return the doubt raised by what is easily confused with a finding and gains nearly as much on some of its joints.
+
+    What came near matters where nothing is equal: with equals there is a plainer question to ask.
+    """
+    best = _find_best_by_place(choice, judged)
     near = [
         scored
         for scored in judged
-        if _is_nearly_as_good(scored, _find_counterpart(scored, choice, own), _are_confused(scored, choice))
+        if _are_confused(scored, choice)
+        and (own := best.get(_get_place(scored.candidate.joints, choice))) is not None
+        and scored.total_gain >= RULES.rival_gain * own.total_gain > 0.0
     ]
     # The strongest rival decides which joints are at issue; weaker ones at the same place join it.
     for first in sorted(near, key=lambda scored: -scored.total_gain):
@@ -262,32 +225,10 @@ def _get_place(joints: Sequence[str], choice: EffectChoice) -> frozenset[str]:
     return frozenset(joints) if joints and choice.joints else frozenset(choice.joints)
 
 
-def _find_counterpart(
-    scored: ScoredCandidate, choice: EffectChoice, own: Mapping[frozenset[str], ScoredCandidate]
-) -> ScoredCandidate | None:
-    """Return the candidate of the finding that a rival is compared with; None where they do not compare."""
-    if bool(scored.candidate.joints) == bool(choice.joints):
-        return own.get(frozenset(scored.candidate.joints))
-    # What is on a joint and what belongs to the whole robot are known to be taken for one another, or they are not.
-    return own.get(frozenset(choice.joints)) if _are_confused(scored, choice) else None
-
-
 def _are_confused(scored: ScoredCandidate, choice: EffectChoice) -> bool:
     """Return whether the catalogue warns that one of two effects is taken for the other."""
     name = scored.candidate.effect
     return name in get_effect(choice.effect).confused_with or choice.effect in get_effect(name).confused_with
-
-
-def _is_nearly_as_good(scored: ScoredCandidate, best: ScoredCandidate | None, confused: bool) -> bool:
-    if best is None or scored.total_gain <= 0:
-        return False
-    if scored.total_gain >= (RULES.confused_rival_gain if confused else RULES.rival_gain) * best.total_gain:
-        return True
-    # A gain that is only somewhat smaller is a rival where the blocks disagree about which of the two is better.
-    return (
-        scored.total_gain >= RULES.uneven_rival_gain * best.total_gain
-        and compute_t(best.gains - scored.gains) < RULES.rival_t
-    )
 
 
 def _build_unseen_choice(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:

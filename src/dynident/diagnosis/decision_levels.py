@@ -72,14 +72,10 @@ class DecisionRules:
     most_of_block: float = _declare_level(3.0, "-",
         "Error of a block, relative to a usual block, above which its gain counts no more",
         "A single block with half of all the error must not decide")
-    much_more: float = _declare_level(0.2, "-",
-        "Difference of the gains, as a share, from which on a candidate beats a simpler one even if it gains "
-        "unevenly over the blocks",
+    more_for_parameters: float = _declare_level(0.2, "-",
+        "Share by which a candidate with more parameters must gain more, to replace a simpler one however unevenly it "
+        "gains over the blocks",
         "Candidates with more parameters gain something by these alone")
-    hardly_more: float = _declare_level(0.02, "-",
-        "Difference of the gains, as a share, below which a candidate does not beat a simpler one even if it "
-        "gains evenly over the blocks",
-        "Shape constants between the values of the grid change a gain as much")
     least_separability: float = _declare_level(0.02, "-",
         "Share of a candidate's column that must be independent of the model",
         "Below this, the data do not show the effect at all")
@@ -104,33 +100,22 @@ class DecisionRules:
         "Share of its own squared error that each joint of a group must gain, and each finding when all others "
         "are in the model",
         "A finding or a joint gains less beside all others than by itself")
-    joint_t: float = _declare_level(2.0, "-",
-        "t of the gain of a joint of a group",
-        "One in forty by chance")
-    large_joint_drop: float = _declare_level(0.3, "-",
-        "Share of its error that a joint must gain for a smaller t to suffice",
-        "An effect that acts at few places exists all the same")
-    large_joint_t: float = _declare_level(1.5, "-",
-        "t of the gain of such a joint",
-        "One in fifteen by chance, and the gain is large")
+    clear_t: float = _declare_level(2.0, "-",
+        "t of a gain, of a difference of two gains or of a parameter of the wrong sign from which on it counts",
+        "One in forty by chance", "equal_terms")
     staying_t: float = _declare_level(1.0, "-",
         "t from which on a joint stays in a group that contains most joints",
-        "Five of six such gains are not chance")
+        "Five of six such gains are not chance; without it, a recorded UR10e loses the slip of a joint")
     own_drop: float = _declare_level(0.1, "-",
         "Share of the residual under a group's constants that a joint's own constants must remove",
-        "Less may be the difference between the values of the grid", "joints_of_a_group")
-    own_t: float = _declare_level(2.5, "-",
-        "t of the gain of a joint's own constants",
-        "One in a hundred by chance", "joints_of_a_group")
-    staying_finding_t: float = _declare_level(2.5, "-",
-        "t of the gain of a finding when all others are in the model",
-        "One in a hundred by chance, and some twelve findings are tested")
+        "Less may be the difference between the values of the grid; without it, a recorded UR10e loses friction of a "
+        "joint", "joints_of_a_group")
+    sure_t: float = _declare_level(2.5, "-",
+        "t of the gain of a finding when all others are in the model, and of a joint's own constants",
+        "One in a hundred by chance, and some twelve findings are tested", "joints_of_a_group")
     found_again: float = _declare_level(0.9, "-",
         "Share of the resamples of blocks, and of the runs left out, in which a name must come first again",
         "A name that one draw in ten changes is not certain")
-    more_for_parameters: float = _declare_level(0.2, "-",
-        "Share by which a candidate with more parameters must gain more, to replace a simpler one",
-        "Candidates with more parameters gain something by these alone")
     as_much_as_change: float = _declare_level(0.9, "-",
         "Share of the gain of a change that friction by temperature must explain, to replace the change",
         "Then nothing need have changed")
@@ -141,9 +126,6 @@ class DecisionRules:
     equal_gain: float = _declare_level(0.97, "-",
         "Share of the gain of a finding from which on another name is equivalent",
         "Shape constants between the values of the grid change a gain as much")
-    equal_t: float = _declare_level(1.5, "-",
-        "t of the difference below which another name is equivalent",
-        "One in fifteen by chance")
     contends: float = _declare_level(0.7, "-",
         "Share of the chosen name's gain from which on a name is compared with finer constants",
         "A coarse constant costs up to a quarter of a gain; with 0.8, one of seven right names that gained less "
@@ -151,9 +133,6 @@ class DecisionRules:
     same_gain: float = _declare_level(0.01, "-",
         "Difference of two gains with finer constants, as a share, that counts as none",
         "Half a step of the constants costs up to half of this, and each is the best of many", "equal_terms")
-    apart_t: float = _declare_level(2.0, "-",
-        "t of the difference from which on the blocks distinguish two names",
-        "One in forty by chance", "equal_terms")
     harm: float = _declare_level(1.005, "-",
         "Ratio of the errors after and before, of a joint or of all, from which on an increase is noticed",
         "Half a per cent of the error")
@@ -165,9 +144,6 @@ class DecisionRules:
         "error",
         "1 if all of it is right, 0 if half of it is. Effects of three real arms had 0.7 and more, false names on "
         "simulated hobby arms 0.4 and less; a true one on a messy arm had 0.32, so some are lost")
-    wrong_sign: float = _declare_level(2.0, "standard deviations",
-        "Distance from zero from which on a parameter of the wrong sign counts",
-        "One in forty by chance")
     rows_of_filter: float = _declare_level(10.0, "rows",
         "Number of filtered rows that count as one independent row",
         "Filtered rows are correlated")
@@ -184,20 +160,9 @@ class DecisionRules:
     left_over: float = _declare_level(0.12, "-",
         "Share of the removed error that may remain as the same kind of function",
         "If more remains, it is another function")
-    much_left_over: float = _declare_level(1.5, "-",
-        "The same for any effect of one joint and any variable",
-        "The rest is then larger than what the effect explained")
-    rival_gain: float = _declare_level(0.95, "-",
-        "Share of the gain of a finding from which on a candidate is a rival, for which an experiment is designed",
-        "Errors of a simulated model elsewhere shift gains by some per cent")
-    uneven_rival_gain: float = _declare_level(0.8, "-",
-        "The same if the blocks disagree which of the two gains more",
-        "If the blocks agree, the data have already decided")
-    rival_t: float = _declare_level(2.0, "-",
-        "t of the difference below which the blocks disagree",
-        "One in forty by chance")
-    confused_rival_gain: float = _declare_level(0.7, "-",
-        "The same for effects that are easily confused according to the catalogue",
+    rival_gain: float = _declare_level(0.7, "-",
+        "Share of the gain of a finding from which on an effect that is easily confused with it is a rival, for which "
+        "an experiment is designed",
         "A power law with an exponent between the values of the grid gained 0.78 of Stribeck friction, which was "
         "named instead")
     most_blind: float = _declare_level(0.5, "-",

@@ -181,8 +181,6 @@ class ScoredCandidate:
     drop : float
         Share of the squared held-out error that it removes, the smaller of the two kinds of folds: on the joint where
         that share is largest for an effect of one joint or of the whole robot, on all its joints for a group.
-    total_drop : float
-        The same over all joints that it acts on.
     t : float
         t of the roots of the gains over the blocks.
     gains : (s,)
@@ -206,7 +204,6 @@ class ScoredCandidate:
     before: FloatArray
     after: FloatArray
     drop: float
-    total_drop: float
     t: float
     gains: FloatArray
     separability: float
@@ -255,26 +252,6 @@ class ScoredCandidate:
         joints = self.reported_joints
         before, after = float(self.before[:, joints].sum()), float(self.after[:, joints].sum())
         return 1.0 - float(np.sqrt(after / before)) if before > 0 else 0.0
-
-    def is_significant(self, level: float = ALPHA) -> bool:
-        """Return whether the improvement is large enough to matter, and no chance among all that was tried.
-
-        By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
-        """
-        matters = self.drop >= RULES.least_drop and self.error_drop >= RULES.least_error_drop
-        return matters and self.p <= level and self.t >= compute_least_t(len(self.gains), level)
-
-    def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
-        """Return whether it still improves the prediction beside all that was found.
-
-        Parameters
-        ----------
-        least_drop : float
-            Share of the error that it has to remove.
-        least_t : float
-            Least t of its gain over the blocks.
-        """
-        return self.drop >= least_drop and self.t >= least_t
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,7 +343,6 @@ def combine_scores(
         after=after,
         # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
         drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
-        total_drop=min(totals),
         t=float(compute_evenness(mean_gain[None])[0]),
         gains=mean_gain,
         separability=scores[0].separability,
@@ -431,10 +407,6 @@ def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
     remaining = float(simpler.after_weighted.sum())
     more = float(difference.sum())
     # Much more is decided by size alone; little more has to be large against what is left, and even over the blocks.
-    if more >= RULES.much_more * best.total_gain:
+    if more >= RULES.more_for_parameters * best.total_gain:
         return True
-    return (
-        more >= RULES.least_drop * remaining
-        and more >= RULES.hardly_more * best.total_gain
-        and compute_t(difference) >= 2.0
-    )
+    return more >= RULES.least_drop * remaining and compute_t(difference) >= RULES.clear_t

@@ -228,7 +228,8 @@ class StoredComparison:
         joint : str
             Name of the joint.
         x, y : str
-            Names of the signals, as `Comparison.get_signal` takes them; `y` is None for a map over one.
+            Names of the signals: t, or q_, dq_, ddq_, load_, tau_, temperature_ followed by a joint's name; `y` is None
+            for a map over one.
         bins : int
             Number of bins of each signal.
         """

@@ -233,39 +233,6 @@ class Comparison:
             speed=tuple(self.dq[worst].tolist()),
         )
 
-    def get_signal(self, name: str) -> FloatArray:
-        """Return a signal (m,) by name: t, or q_, dq_, ddq_, load_, tau_, temperature_ followed by a joint's name.
-
-        Parameters
-        ----------
-        name : str
-            Name of the signal.
-
-        Returns
-        -------
-        (m,)
-            The signal.
-
-        Raises
-        ------
-        DynidentError
-            For a signal that there is not.
-        """
-        if name in ("t", "time"):
-            return self.t
-        kind, _, joint = name.partition("_")
-        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq, "load": self.load, "tau": self.measured}
-        if self.temperature is not None:
-            arrays["temperature"] = self.temperature
-        if kind in arrays and joint in self.joint_names:
-            return np.asarray(arrays[kind][:, self.joint_names.index(joint)])
-        raise DynidentError(
-            f"there is no signal {name!r}; there are t and {', '.join(f'{prefix}_' for prefix in arrays)} with one of: "
-            f"{', '.join(self.joint_names)}",
-            pointer="/x",
-            title="Unknown signal",
-        )
-
 
 @single_threaded
 def compare(identification: Identification, recording: Recording, progress: Progress = ignore_progress) -> Comparison:

@@ -80,7 +80,7 @@ def find_rejection(state: State, scored: ScoredCandidate) -> Reason | None:
     """Return the first rule that a candidate fails, as a reason; None where it passes them all."""
     rules = (
         _check_visibility,
-        _check_significance,
+        check_significance,
         _check_size,
         _check_reach,
         _check_shadows,
@@ -96,8 +96,11 @@ def _check_visibility(state: State, scored: ScoredCandidate) -> Reason | None:
     return Reason.build("not_determined", share=scored.separability, least=state.rules.least_separability)
 
 
-def _check_significance(state: State, scored: ScoredCandidate) -> Reason | None:
-    """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice."""
+def check_significance(state: State, scored: ScoredCandidate) -> Reason | None:
+    """Check that a gain is no chance, among all that was tried and by itself, and large enough to notice.
+
+    By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
+    """
     if scored.p > state.level:
         return Reason.build("not_significant", p=scored.p, level=state.level)
     if scored.drop < state.rules.least_drop:
@@ -178,11 +181,7 @@ def has_gain_on_joint(state: State, scored: ScoredCandidate, joint: int) -> bool
     gain = before - scored.after[:, joint] / state.noise[joint] ** 2
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    # A large gain may be less even: an effect that shows at few places is there all the same.
-    even = (
-        float(gain.mean())
-        >= (state.rules.joint_t if share < state.rules.large_joint_drop else state.rules.large_joint_t) * spread
-    )
+    even = float(gain.mean()) >= state.rules.clear_t * spread
     large = compute_gain_over_floor(state, scored, joint) >= get_least_gain(get_effect(scored.candidate.effect))
     return share >= state.rules.joint_drop and even and large
 

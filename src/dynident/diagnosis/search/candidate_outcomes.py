@@ -12,7 +12,7 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, describe_choice
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
-from dynident.diagnosis.search.acceptance_rules import find_rejection
+from dynident.diagnosis.search.acceptance_rules import check_significance, find_rejection
 from dynident.diagnosis.search.identifiability_and_invisible_effects import list_columns_with_findings
 from dynident.diagnosis.search.physical_plausibility import find_impossibility
 from dynident.diagnosis.search.search_state import (
@@ -220,7 +220,7 @@ class _Judge:
         loss = self.record.losses.get(alone.candidate.choice)
         if (
             loss is None
-            or not alone.is_significant(self.final.state.level)
+            or check_significance(self.final.state, alone) is not None
             or gain >= RULES.still_gains * alone.total_gain
         ):
             return None

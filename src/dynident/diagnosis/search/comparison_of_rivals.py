@@ -74,27 +74,35 @@ def compare_names(rows: ProductSource, state: State, choice: Choice, judged: Seq
         return choice
     parents = {finer: scored for scored in [*contenders, choice[0]] for finer in list_between(scored.candidate.choice)}
     finer = refine_grid(rows, state, list(parents))
-    # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
-    kinds: dict[tuple[bool, bool], list[Candidate]] = {}
-    for candidate in finer.pool.candidates:
-        kinds.setdefault(finer.data.find_row_kinds(candidate.columns), []).append(candidate)
-    for rivals in kinds.values():
+    for rivals in _group_by_rows(finer, finer.pool.candidates):
         own = [candidate for candidate in finer.pool.candidates if candidate.effect == choice[0].candidate.effect]
-        choice = _compare_on_common_rows(finer, choice, list(dict.fromkeys([*own, *rivals])), parents)
+        choice = _compare_on_common_rows(finer, choice, _score_on_common_rows(finer, [*own, *rivals]), parents)
     return choice
+
+
+def _group_by_rows(state: State, candidates: Sequence[Candidate]) -> list[list[Candidate]]:
+    """Group candidates by their kind of rows: what is about joints that start has none in common with others."""
+    kinds: dict[tuple[bool, bool], list[Candidate]] = {}
+    for candidate in candidates:
+        kinds.setdefault(state.data.find_row_kinds(candidate.columns), []).append(candidate)
+    return list(kinds.values())
+
+
+def _score_on_common_rows(state: State, candidates: Sequence[Candidate]) -> list[ScoredCandidate]:
+    """Score candidates, each once, on the rows that count for all of them."""
+    each = [state.data.find_row_kinds(candidate.columns) for candidate in candidates]
+    common = all(turns for turns, _ in each), all(starts for _, starts in each)
+    return score_all(state, list(dict.fromkeys(candidates)), kinds=common)
 
 
 def _compare_on_common_rows(
     state: State,
     choice: Choice,
-    candidates: Sequence[Candidate],
+    rescored: Sequence[ScoredCandidate],
     parents: Mapping[EffectChoice, ScoredCandidate],
 ) -> Choice:
-    """Return the choice, or another name that explains more of the rows that count for all of these candidates."""
+    """Return the choice, or another name that explains more, of candidates that were scored on the same rows."""
     chosen = choice[0]
-    each = [state.data.find_row_kinds(candidate.columns) for candidate in candidates]
-    common = all(turns for turns, _ in each), all(starts for _, starts in each)
-    rescored = score_all(state, candidates, kinds=common)
     # That something is there is what the test on the grid says; here it is asked what it is called.
     rescored = [replace(scored, p=parents[scored.candidate.choice].p) for scored in rescored]
     selected = select_candidate(state, rescored)
@@ -139,7 +147,7 @@ def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
 def _are_told_apart(less: ScoredCandidate, more: ScoredCandidate) -> bool:
     """Return whether one of two candidates gains more than another evenly, and more than a constant would by chance."""
     difference = more.gains - less.gains
-    return compute_t(difference) >= RULES.apart_t and _exceeds_constant(float(difference.sum()), more)
+    return compute_t(difference) >= RULES.clear_t and _exceeds_constant(float(difference.sum()), more)
 
 
 def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
@@ -273,17 +281,10 @@ def _score_by_rows(state: State, finding: Finding, candidates: Sequence[Candidat
     """Score candidates with the finding's own on the rows that count for all, one kind of rows after another."""
     name = finding.judged.candidate.effect
     own = [candidate for candidate in candidates if candidate.effect == name]
-    # What is about joints that start has no rows in common with other friction.
-    kinds: dict[tuple[bool, bool], list[Candidate]] = {}
-    for candidate in candidates:
-        kinds.setdefault(state.data.find_row_kinds(candidate.columns), []).append(candidate)
     groups: list[Scores] = []
-    for members in kinds.values():
-        compared = list(dict.fromkeys([*own, *members]))
-        each = [state.data.find_row_kinds(candidate.columns) for candidate in compared]
-        common = all(turns for turns, _ in each), all(starts for _, starts in each)
+    for members in _group_by_rows(state, candidates):
         scores: dict[str, list[ScoredCandidate]] = {}
-        for scored in score_all(state, compared, kinds=common):
+        for scored in _score_on_common_rows(state, [*own, *members]):
             if scored.candidate.effect == name or _is_acceptable(state, replace(scored, p=finding.p)):
                 scores.setdefault(scored.candidate.effect, []).append(replace(scored, p=finding.p))
         groups.append(scores)

@@ -417,7 +417,7 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
                 unit[place],
                 float(separability[place]),
                 final.levels,
-                max(compute_least_t(rows.n_blocks, state.level), RULES.staying_finding_t),
+                max(compute_least_t(rows.n_blocks, state.level), RULES.sure_t),
             )
 
 

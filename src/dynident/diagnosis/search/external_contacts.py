@@ -115,7 +115,6 @@ def _test_contact(
         before=before,
         after=after,
         drop=drop,
-        total_drop=drop,
         t=float(np.sqrt(max(f, 0.0))),
         gains=gains,
         separability=separability,

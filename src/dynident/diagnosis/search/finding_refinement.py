@@ -158,7 +158,7 @@ def _choose_constants(state: State, group: Candidate, joint: str) -> Candidate:
 def _are_distinguishable(group: ScoredCandidate, own: ScoredCandidate) -> bool:
     """Return whether a joint's own constants explain clearly more than those of its group, and enough to matter."""
     more = own.gains - group.gains
-    return float(more.sum()) >= RULES.own_drop * float(group.after_weighted.sum()) and compute_t(more) >= RULES.own_t
+    return float(more.sum()) >= RULES.own_drop * float(group.after_weighted.sum()) and compute_t(more) >= RULES.sure_t
 
 
 def _join_candidates(candidates: list[Candidate]) -> Candidate:

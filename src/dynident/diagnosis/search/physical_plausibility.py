@@ -112,7 +112,7 @@ def _build_impossible(column: Column, estimate: Estimate, why: str = "") -> Reas
 
 def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
     return [
-        Estimate(float(value), float(RULES.wrong_sign * deviation))
+        Estimate(float(value), float(RULES.clear_t * deviation))
         for value, deviation in zip(values, deviations, strict=True)
     ]
 

@@ -108,7 +108,8 @@ def prune_findings(state: State) -> State:
         weak = [
             (scored, finding)
             for scored, finding in judged
-            if not scored.is_still_helpful(state.rules.joint_drop, state.rules.staying_finding_t)
+            if scored.drop < state.rules.joint_drop
+            or scored.t < state.rules.sure_t
             or any(is_shadowed(scored, other, state.floor) for other, rival in judged if rival is not finding)
         ]
         if not weak:
@@ -148,11 +149,10 @@ def _select_members(state: State, group: Candidate) -> tuple[tuple[str, ...], St
         (scored,) = score_all(rest, [alone])
         # If no joint passes, the one that gains most stands for the group.
         gains[joint] = scored.total_gain
-        least_t = rules.joint_t if scored.drop < rules.large_joint_drop else rules.large_joint_t
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
         if pool.is_change(alone) and not is_physically_possible(rest, scored):
             state = rest
-        elif _has_gain(state, scored, least_t):
+        elif _has_gain(state, scored, rules.clear_t):
             firm.append(joint)
         elif _has_gain(state, scored, rules.staying_t):
             likely.append(joint)
@@ -170,7 +170,7 @@ def _has_gain(state: State, alone: ScoredCandidate, least_t: float) -> bool:
     """Return whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
     joint = state.pool.observation.robot.get_movers(alone.candidate.joints[0])[0]
     least_gain = get_least_gain(get_effect(alone.candidate.effect))
-    is_helpful = alone.is_still_helpful(state.rules.joint_drop, least_t)
+    is_helpful = alone.drop >= state.rules.joint_drop and alone.t >= least_t
     return is_helpful and compute_gain_over_floor(state, alone, joint) >= least_gain
 
 

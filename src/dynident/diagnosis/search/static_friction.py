@@ -333,7 +333,6 @@ def _score_halts(fit: ScoredCandidate, joint: int, halts: Halts, held: Halts, no
         before=before,
         after=after,
         drop=drop,
-        total_drop=drop,
         t=float(compute_evenness(gains[None])[0]),
         gains=gains,
         share_improved=float(np.mean(gains > 0)),
