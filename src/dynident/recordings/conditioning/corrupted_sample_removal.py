@@ -62,7 +62,7 @@ class CorruptedSamples:
         # At a wrap an angle jumps by a turn, which is no corruption: differences of such angles are folded.
         periods = np.where(find_wrapping_columns(window, signals)[needed], TURN, 0.0)
         steps = measure_signal_steps(values, window.t, window.run, smooth, periods)
-        usual = measure_usual_steps(steps)
+        usual = measure_usual_steps(steps, smooth)
         impossible = np.where(smooth, self._impossible[needed], np.inf)
         # Of a signal whose usual steps are large, too, what no joint can do is large all the same.
         large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
