@@ -60,6 +60,18 @@ def test_nothing_is_called_corrupted_in_a_clean_recording(rate, moves, noise, co
         np.testing.assert_array_equal(right, values)
 
 
+@pytest.mark.parametrize("seed", [3, 4])
+def test_corrupted_positions_that_stand_close_together_hide_no_others(seed):
+    """They make the usual step of their 64 rows large, and no others may be measured by it."""
+    t, values = arm_signals(seed, 200.0, 20.0)
+    rows = np.concatenate([np.arange(1283, 1340, 7), [1150, 1200, 1400, 1500]])
+    spoilt = values.copy()
+    spoilt[rows, 1] += 0.01 * np.ptp(values[:, 1]) * np.where(np.arange(len(rows)) % 2, 1.0, -1.0)
+    found = marked(conditioned(t, spoilt)[1]["corrupted_samples"], values.shape)
+    assert sorted(np.flatnonzero(found[:, 1])) == sorted(rows)
+    assert found.sum() == len(rows)
+
+
 def test_the_check_says_from_which_size_on_samples_are_found():
     t, values = arm_signals(3, 200.0, 20.0)
     detail = conditioned(t, values)[1]["corrupted_samples"].detail
