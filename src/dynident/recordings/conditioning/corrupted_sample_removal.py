@@ -84,7 +84,7 @@ class CorruptedSamples:
                 axis=1
             )
         )
-        for index in np.flatnonzero(marks.any(axis=0)):
+        for index in np.flatnonzero(marks.any(axis=0)).tolist():
             column = int(needed[index])
             rows = np.flatnonzero(marks[:, index])
             # Positions cannot jump. Torques can, where the robot is pushed or where friction changes its sign.
