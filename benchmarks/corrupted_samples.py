@@ -1,6 +1,6 @@
 """Which corrupted samples are found, and what is called corrupted in clean recordings.
 
-    PYTHONPATH=tests python benchmarks/corrupted_samples.py [--seed 1] [--arms 4] [--calibrate] [--held-out 5]
+    PYTHONPATH=tests python benchmarks/corrupted_samples.py [--seed 1] [--arms 4] [--calibrate] [--held-out 5] [--sizes]
 
 Arms are drawn, with motions along harmonics and from point to point, at several rates, with noise of several tails. In
 each of their recordings samples are spoilt: zeros, the largest value, a stuck one, spikes, single or in bursts.
@@ -9,6 +9,8 @@ Both have a line with the sum, and `untouched` one of all recordings of real rob
 `--held-out` spoils so many times each of the recordings of real robots that have a second one (or half), fits links and
 friction, and compares what is left of the second one with what a fit to the clean recording leaves: how often it is at
 most 1.2 times that, of samples of any size, and of small ones; and which share of them is named.
+`--sizes` makes samples of all positions, or all torques, of these recordings wrong by a share of the signal range: how
+many are named, and how many times what the clean recording leaves is left of the second one with the step, and without.
 `--calibrate` shows what the constants of `recordings/conditioning/corrupted_sample_detection.py` stand on: the swings
 of noise of several tails, and the largest of them, in usual steps. Take other seeds for it.
 """
@@ -162,16 +164,52 @@ def held_out(seed: int, cases: int) -> None:
         )
 
 
+SIZES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
+"""Shares of a signal's range (1 % to 99 % quantile) that samples are wrong by."""
+
+
+def sizes(seed: int, share: float = 0.02) -> None:
+    """Show from which size on corrupted samples are found, and from which on they do harm."""
+    rng = np.random.default_rng(seed)
+    print("recording     signals      size   named   left with the step   left without")
+    for name, stem, other in REAL:
+        robot, first = recorded_robot(name), columns_of(DATA / name / f"{stem}.parquet")
+        half = len(first["t"]) // 2
+        second = columns_of(DATA / name / f"{other}.parquet") if other else _cut(first, slice(half, None))
+        first = first if other else _cut(first, slice(0, half))
+        # Velocities of the file would contradict spoilt positions.
+        first = {key: first[key] for key in first if key.rstrip("0123456789") not in ("dq", "ddq")}
+        tried = _rows(robot, second)
+        usual = float((_left(_fit(robot, first), tried) ** 2).mean())
+        for kinds, size in product((("q",), ("tau", "current")), SIZES):
+            own = [key for key in first if key.rstrip("0123456789") in kinds]
+            spoilt, planted = dict(first), {}
+            for key in own:
+                values = first[key]
+                rows = rng.choice(np.arange(10, len(values) - 10), max(1, round(share * len(values))), replace=False)
+                wrong = size * np.subtract(*np.quantile(values, (0.99, 0.01))) * rng.choice([-1, 1], len(rows))
+                spoilt[key] = values.copy()
+                spoilt[key][rows] += wrong
+                planted[key] = set((rows + 1).tolist())
+            left, named = [], 0
+            for skip in ((), ("corrupted_samples",)):
+                fit, calls = _fit_and_call(robot, spoilt, skip)
+                left.append(float(np.sqrt((_left(fit, tried) ** 2).mean() / usual)))
+                named += sum(len(planted[key] & set(calls.get(key, ()))) for key in own)
+            n = sum(map(len, planted.values()))
+            print(f"{name:12} {kinds[0]:>8} {size:9.2%} {named / n:7.1%} {left[0]:20.3f} {left[1]:14.3f}", flush=True)
+
+
 def _cut(columns: Columns, rows: slice) -> Columns:
     return {name: values[rows] for name, values in columns.items()}
 
 
-def _import(robot: Robot, columns: Columns) -> tuple[Motion, dict[str, tuple[int, ...]]]:
+def _import(robot: Robot, columns: Columns, skip: tuple[str, ...] = ()) -> tuple[Motion, dict[str, tuple[int, ...]]]:
     """Import columns: the rows of the motion, and the rows (from 1) that are called corrupted, by column."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "file.parquet"
         pq.write_table(pa.table(columns), path)
-        joints, metadata = build_recorded_joints(robot), RecordingMetadata(accept=ACCEPT)
+        joints, metadata = build_recorded_joints(robot), RecordingMetadata(accept=ACCEPT, skip=skip)
         recording, checks = import_recording(path, Path(folder) / "out.parquet", joints, metadata=metadata)
         whole = filter_whole_motion(recording)
     assert whole is not None
@@ -190,10 +228,10 @@ def _fit(robot: Robot, columns: Columns) -> list[tuple[TreeFit, FloatArray]]:
 
 
 def _fit_and_call(
-    robot: Robot, columns: Columns
+    robot: Robot, columns: Columns, skip: tuple[str, ...] = ()
 ) -> tuple[list[tuple[TreeFit, FloatArray]], dict[str, tuple[int, ...]]]:
     """The trees of a robot with the parameters (blocks + 1, c) that explain most of a recording; what is corrupted."""
-    motion, calls = _import(robot, columns)
+    motion, calls = _import(robot, columns, skip)
     fits = []
     for tree in HeldOutFit(robot)._trees:
         own = tree._select(motion)
@@ -218,7 +256,7 @@ def calibrate(seed: int) -> None:
     print("noise     order   swings of 2 to 4 usual steps in 10^6   largest")
     for noise, order in product(NOISES, (1, 2)):
         steps = np.diff(NOISES[noise](rng, (1_000_000,)), n=order)
-        usual = measure_usual_steps(steps[:, None])[:-1, 0]
+        usual = measure_usual_steps(steps[:, None], np.array([order == 2]))[:-1, 0]
         swings = (np.minimum(np.abs(steps[1:]), np.abs(steps[:-1])) / usual)[steps[1:] * steps[:-1] < 0.0]
         print(f"{noise:9} {order:5} {np.count_nonzero((swings >= 2.0) & (swings < 4.0)):38} {swings.max():9.1f}")
 
@@ -230,7 +268,11 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=4)
     parser.add_argument("--calibrate", action="store_true")
     parser.add_argument("--held-out", type=int, default=0)
+    parser.add_argument("--sizes", action="store_true")
     options = parser.parse_args()
+    if options.sizes:
+        sizes(options.seed)
+        return
     if options.held_out:
         held_out(options.seed, options.held_out)
         return

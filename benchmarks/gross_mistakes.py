@@ -52,11 +52,14 @@ from placebos.subjects import REAL_ARMS, imported
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion, list_possible_faults
 from dynident.identification.recording_faults.fault_checks import build_dynamics_checks
 from dynident.identification.recording_faults.fault_search import (
-    find_delay,
     find_excess_of_motion,
     search_faults,
 )
-from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.rows_for_fault_search import (
+    filter_motion,
+    filter_whole_motion,
+    find_delay,
+)
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.identification.recording_faults.unexplained_torque import measure_unexplained_share
 from dynident.recordings import Recording, recording_from_arrays

@@ -14,10 +14,13 @@ other, gives the untouched signals back, or ones that the robot's dynamics expla
 what was planted and what the untouched file has, to 6 ms.
 `wrongly ordered`: what `--cure` makes of the file is read, and neither. `harmful` are those that let the unexplained
 share of the torque grow by a tenth, and those of unit, gain, delay and kind. `not told by the data`: of those that are
-not noticed, those that raise no held-out error (of a fit, of the masses of the description, or of these at the stated
-size, of gains) by more than its noise, 2.5 standard errors among blocks of time, and than the best of all wrong changes
-of the untouched file lowers it: another delay of an arm that gives by more, for one. So are delays that, with that of
-the untouched file, are such as drives have. `share` is noticed of the others.
+not noticed, those that make no prediction of held-out torque surely worse (a likelihood ratio: by 2.5 standard errors
+among blocks of time, and by more than the best wrong change of the untouched file makes it better: another delay of an
+arm that gives, for one). Predictions are a fit of all parameters with constant torques, the masses of the description
+with a free gain, friction and constant of each joint, and, of gains, those at the stated size; each with the same
+filters on either side, at the cut-off of an identification and below. So are delays that, with that of the untouched
+file, are such as drives have. `share` is noticed of the others; `told, of noticed`: how many of those that are noticed
+the same ratio says that the data tell, a test of the ratio itself (`--test-ratio`).
 """
 
 from __future__ import annotations
@@ -43,15 +46,23 @@ from planted_arms import drawn_arms
 
 from dynident.api.robot_files import load_robot
 from dynident.identification.recording_faults.column_faults import Motion, is_possible_delay, list_possible_faults
-from dynident.identification.recording_faults.description_fit import measure_left_by_description
-from dynident.identification.recording_faults.fault_search import ALIKE, find_delay
+from dynident.identification.recording_faults.description_fit import measure_blocks_left_by_description
+from dynident.identification.recording_faults.fault_search import ALIKE
 from dynident.identification.recording_faults.joint_angle_faults import find_parallel_axes
-from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion, thin_out
+from dynident.identification.recording_faults.rows_for_fault_search import (
+    HeldOutFits,
+    filter_motion,
+    filter_whole_motion,
+    filter_whole_motion_by,
+    find_delay,
+    thin_out,
+)
 from dynident.identification.recording_faults.torque_scale import compute_described_load
 from dynident.identification.recording_faults.tree_fit import find_moving_joints
-from dynident.identification.recording_faults.unexplained_torque import HeldOutFit, measure_unexplained_share
+from dynident.identification.recording_faults.unexplained_torque import measure_unexplained_share
 from dynident.identification.robot_recording_import import import_for_robot
-from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, choose_preprocessing
+from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.row_storage import ArraySource
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
@@ -177,13 +188,17 @@ def main() -> None:
         wanted = [one for one in planted_ones if options.kind in (None, one.kind)]
         for planted in draw_mistakes(wanted, rng, options.draws):
             one = try_mistake(robot, right, planted)
-            if one.harmful and not one.noticed:
+            if one.harmful and (options.test_ratio or not one.noticed):
                 one = replace(one, untold=not is_told_by_data(robot, right.recording, planted))
             outcomes.append(one)
-            if one.harmful and (one.wrongly or not (one.noticed and one.first)):
+            if one.harmful and (one.wrongly or one.untold or not (one.noticed and one.first)):
                 words = f"wrongly {one.wrongly}, not told by the data {one.untold}: {one.said}"
                 print(f"  {planted.told}: first {one.first}, {words}", flush=True)
     show("Untouched files", untouched)
+    if options.test_ratio:
+        noticed = [one for one in outcomes if one.harmful and one.noticed]
+        print(f"\ntold, of noticed: {sum(not one.untold for one in noticed)} of {len(noticed)}")
+        outcomes = [replace(one, untold=one.untold and not one.noticed) for one in outcomes]
     show("Planted mistakes", _table(outcomes))
 
 
@@ -483,6 +498,11 @@ ACCEPT = (
     "torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit", "gravity_direction",
     "joint_coupling", "torque_scale",
 )  # fmt: skip
+WRONG_DELAYS = (-0.1, -0.06, -0.04, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1)
+"""s: as far as a delay is looked for on both sides. An arm that gives seems to be late or early by up to 0.1 s."""
+FEWEST_ROWS = round(10 * 5 * OVERSAMPLING)
+"""Ten blocks of five periods of the cut-off: a filter reaches one or two periods across the edges of a block, and in
+shorter ones what is left says the same of neighbours."""
 _OCTAVES = 4
 """Cut-offs that are tried, each half of the one before."""
 SURELY = 2.5
@@ -490,41 +510,52 @@ SURELY = 2.5
 
 
 def is_told_by_data(robot: Robot, untouched: Recording, planted: Planted) -> bool:
-    """Tell whether a fit, or the description, surely leaves more with a mistake than without.
+    """Tell whether some prediction of held-out torque is surely worse with a mistake than without.
 
-    More than by chance: than the best wrong change of the untouched file takes away.
+    A likelihood ratio on held-out data: the mean log share of the torque that is left has to rise by `SURELY` standard
+    errors among blocks of time, with the same blocks on either side, and by more than the best wrong change of the
+    untouched file takes away. Nothing that notices mistakes has a say in it.
     """
     read = read_file(planted.robot or robot, planted.columns, RecordingMetadata(accept=ACCEPT))
     if read.recording is None:
         return True
     if planted.delay and is_possible_delay(planted.delay + _natural(robot, untouched)):
         return False
+    # One filter for both: with two of them the noise that each lets through would tell the mistake.
+    choice = choose_preprocessing([untouched, read.recording])
     for octaves in range(_OCTAVES):
-        whole = [filter_whole_motion(one, octaves=octaves) for one in (untouched, read.recording)]
+        whole = [filter_whole_motion_by(choice, one, octaves=octaves) for one in (untouched, read.recording)]
         usual, bad = (None if one is None else thin_out(one[0]) for one in whole)
-        if usual is None or bad is None or whole[0] is None:
-            continue
-        stated = planted.robot or robot
-        fits = [HeldOutFit(one).measure_unexplained(motion) for one, motion in ((robot, usual), (stated, bad))]
-        left = [measure_left_by_description(one, motion) for one, motion in ((robot, usual), (stated, bad))]
+        if usual is None or bad is None or whole[0] is None or (octaves and len(bad.q) < FEWEST_ROWS):
+            break
         by_chance = list(_wrong_changes(robot, *whole[0], planted.kind))
-        fall = fits[1].blocks - fits[0].blocks
-        sure = fall.mean() >= SURELY * fall.std(ddof=1) / np.sqrt(len(fall)) or fits[1].against > fits[0].against
-        chance = max((fits[0].score - HeldOutFit(one).measure_unexplained(m).score for one, m in by_chance), default=0)
-        if sure and fits[1].score - fits[0].score > max(chance, 0.0):
-            return True
-        described = [measure_left_by_description(one, motion) for one, motion in by_chance]
-        if left[0] is not None and left[1] is not None:
-            chance = max((left[0] - one for one in described if one is not None), default=0.0)
-            if left[1] - left[0] > max(chance, 0.0) + ALIKE:
-                return True
-        sizes = [measure_left_at_stated_size(one, motion) for one, motion in ((robot, usual), (stated, bad))]
-        if "gain" in planted.kind and sizes[0] is not None and sizes[1] is not None:
-            rise, by_chance = sizes[1] - sizes[0], [measure_left_at_stated_size(one, m) for one, m in by_chance]
-            chance = max((float((sizes[0] - one).mean()) for one in by_chance if one is not None), default=0.0)
+        for predict in _list_predictions(planted):
+            left, worse = predict(robot, usual), predict(planted.robot or robot, bad)
+            if left is None or worse is None:
+                continue
+            rise = worse - left
+            others = (predict(one, motion) for one, motion in by_chance)
+            chance = max((float((left - other).mean()) for other in others if other is not None), default=0.0)
             if rise.mean() > max(chance, SURELY * rise.std(ddof=1) / np.sqrt(len(rise)), ALIKE):
                 return True
     return False
+
+
+Prediction = Callable[[Robot, Motion], FloatArray | None]
+
+
+def _list_predictions(planted: Planted) -> list[Prediction]:
+    """What a block of time is predicted by: mean log share of the torque (blocks,) that each prediction leaves."""
+    if planted.delay:
+        return [lambda robot, motion: HeldOutFits(robot).offset_fit.measure_unexplained(motion).fine]
+    predictions: list[Prediction] = [_measure_left_by_fit, measure_blocks_left_by_description]
+    return [*predictions, measure_left_at_stated_size] if "gain" in planted.kind else predictions
+
+
+def _measure_left_by_fit(robot: Robot, motion: Motion) -> FloatArray:
+    """Left by a fit of all parameters, with constant torques, which a robot may have; friction drives no joint."""
+    unexplained = HeldOutFits(robot).offset_fit.measure_unexplained(motion)
+    return unexplained.blocks + unexplained.score - unexplained.blocks.mean()
 
 
 def measure_left_at_stated_size(robot: Robot, motion: Motion) -> FloatArray | None:
@@ -555,11 +586,11 @@ def _wrong_changes(robot: Robot, whole: Motion, period: float, kind: str) -> Ite
         yield from ((replace(robot, gravity=turn(robot.gravity)), motion) for turn in DIRECTIONS)
     elif kind in ("20 ms late", "20 ms early"):
         rows = np.arange(len(whole.q)) * period
-        for seconds in (-0.04, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.04):
+        for seconds in WRONG_DELAYS:
             late = [np.interp(rows + seconds, rows, torque) for torque in whole.tau.T]
             yield robot, thin_out(replace(whole, tau=np.stack(late, axis=1)))
     else:
-        moving = HeldOutFit(robot).measure_unexplained(motion).moving
+        moving = find_moving_joints(motion)
         yield from ((robot, one.mend(motion)) for one in list_possible_faults(moving, find_parallel_axes(robot)))
 
 
@@ -598,6 +629,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--draws", type=int, default=1000, help="mistakes tried in each recording")
     parser.add_argument("--only", default=None, choices=(*MORE_SETS, "drawn"), help="recordings of one robot")
     parser.add_argument("--kind", default=None, help='mistakes of one kind, as "one gain x 10"')
+    parser.add_argument("--test-ratio", action="store_true", help="also ask what is noticed whether the data tell it")
     return parser.parse_args()
 
 

@@ -11,6 +11,8 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 from dynident.identification.recording_faults import ColumnFault, find_recording_faults, gravity_in_torque
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
+from dynident.identification.recording_faults.fault_checks import _report_fault
+from dynident.identification.recording_faults.fault_search import DetectedFault
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.identification.recording_faults.tree_fit import BLOCKS, GramMatrices
 from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
@@ -73,6 +75,45 @@ def test_a_description_without_masses_refutes_nothing() -> None:
     assert not DescriptionFit(bare, motion, HeldOutFit(bare).measure_unexplained(motion)).refutes(
         ColumnFault("joints swapped", (4, 5))
     )
+
+
+@pytest.mark.parametrize(
+    ("left", "is_refuted", "is_borne_out"),
+    [(-1.93, True, False), (-1.98, True, False), (-2.03, False, True), (-2.15, False, True), (-1.5, True, False)],
+)
+def test_a_description_that_explains_as_much_as_a_fit_decides_between_faults(
+    left: float, is_refuted: bool, is_borne_out: bool
+) -> None:
+    """Of right recordings, without a fault it leaves as much, to 0.02 a joint; of wrong ones, 0.09 less and more."""
+    motion = filter_motion(recorded(5))
+    assert motion is not None
+    blocks, fault = np.full(10, -1.95), ColumnFault("joints swapped", (4, 5))
+    now = replace(HeldOutFit(ROBOT).measure_unexplained(motion), blocks=blocks)
+    described, scatter = DescriptionFit(ROBOT, motion, now), 0.4 * np.cos(np.arange(10) * np.pi)
+    described.__dict__["_left_as_is"] = np.full(10, -1.94)
+    described._blocks_by_fault[fault] = left + scatter
+    assert described.refutes(fault) is is_refuted
+    assert described.bears_out(fault, replace(now, blocks=np.full(10, left))) is is_borne_out
+    assert described.compute_shares(fault) == pytest.approx((np.exp(-1.94), np.exp(left)))
+    # Where a fit explains far more than the description, what the description leaves proves nothing.
+    assert not described.bears_out(fault, replace(now, blocks=np.full(10, left - 1.0)))
+
+
+def test_friction_that_has_another_sign_tells_a_turned_sign_and_nothing_else() -> None:
+    motion = filter_motion(recorded(5))
+    assert motion is not None
+    mended = HeldOutFit(ROBOT).measure_unexplained(motion)
+    now = replace(mended, against=mended.against + 1)
+    assert now.is_surely_above(mended)
+    assert not now.is_surely_above(mended, by_friction=False)
+
+
+def test_a_fault_that_the_masses_alone_tell_is_reported_with_what_they_leave() -> None:
+    names = [f"q{k + 1}" for k in range(6)], [f"tau{k + 1}" for k in range(6)]
+    fault = DetectedFault(ColumnFault("joint zero", (3,), 1.2), (), 0.1, 0.1, False, (0.4, 0.08))
+    check = _report_fault(fault, recorded(5), *names)
+    assert "the masses of the description leave 40" in check.detail
+    assert "friction would drive" not in check.detail
 
 
 def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_have() -> None:

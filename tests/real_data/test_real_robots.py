@@ -6,6 +6,8 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
@@ -13,8 +15,11 @@ from support.real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, extend, identify
+from dynident.identification.robot_recording_import import import_for_robot
 from dynident.recordings import Preprocessing, RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot
+
+Columns = dict[str, np.ndarray]
 
 README = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
 
@@ -204,3 +209,31 @@ def test_all_models_of_the_chapter_tell_much_the_same_of_a_ur10e(ur10e):
     assert errors["filtered"] < 1.05 * errors["dynamic"] < 0.054
     assert errors["dynamic"] < errors["power"] < 0.09
     assert errors["dynamic"] < errors["energy"] < 0.09
+
+
+def with_zero(columns: Columns, joint: int, angle: float) -> Columns:
+    return columns | {f"q{joint}": columns[f"q{joint}"] + angle}
+
+
+def with_exchanged_joints(columns: Columns, a: int, b: int) -> Columns:
+    other = {f"{kind}{x}": f"{kind}{y}" for kind in ("q", "dq", "ddq", "tau") for x, y in ((a, b), (b, a))}
+    return {name: columns[other.get(name, name)] for name in columns}
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "spoil", "cause"),
+    [
+        ("airbot_play", "cv_trapezoidal", lambda columns: with_zero(columns, 4, 0.46), "joint_zero"),
+        ("kr300", "val_C", lambda columns: with_zero(columns, 4, 0.5 * np.pi), "joint_zero"),
+        ("kr300", "val_C", lambda columns: with_exchanged_joints(columns, 4, 6), "joint_order"),
+        ("kr300", "val_C", dict, None),
+        ("airbot_play", "cv_trapezoidal", dict, None),
+    ],
+    ids=["a small zero", "a quarter turn", "exchanged", "right", "right too"],
+)
+def test_the_masses_of_a_description_tell_mistakes_that_a_fit_alone_does_not(tmp_path, name, file, spoil, cause):
+    arm, table = robot(name), pq.read_table(DATA / name / f"{file}.parquet")
+    columns = {column: table[column].to_numpy() for column in table.column_names}
+    pq.write_table(pa.table(spoil(columns)), tmp_path / "file.parquet")
+    _, checks = import_for_robot(arm, tmp_path / "file.parquet", tmp_path / "out.parquet", RecordingMetadata())
+    assert [check.name for check in checks if check.status != "ok"] == ([cause] if cause else [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from pathlib import Path
 
@@ -57,6 +58,35 @@ def test_nothing_is_called_corrupted_in_a_clean_recording(rate, moves, noise, co
         right, checks = conditioned(t, values)
         assert checks["corrupted_samples"].status == "ok", checks["corrupted_samples"]
         np.testing.assert_array_equal(right, values)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_corrupted_positions_that_stand_close_together_hide_no_others(seed):
+    """They make the usual step of their 64 rows large, and no others may be measured by it."""
+    t, values = arm_signals(seed, 200.0, 20.0)
+    rows = np.concatenate([np.arange(1283, 1340, 7), [1150, 1200, 1400, 1500]])
+    spoilt = values.copy()
+    spoilt[rows, 1] += 0.01 * np.ptp(values[:, 1]) * np.where(np.arange(len(rows)) % 2, 1.0, -1.0)
+    found = marked(conditioned(t, spoilt)[1]["corrupted_samples"], values.shape)
+    assert sorted(np.flatnonzero(found[:, 1])) == sorted(rows)
+    assert found.sum() == len(rows)
+
+
+def test_the_check_says_from_which_size_on_samples_are_found():
+    t, values = arm_signals(3, 200.0, 20.0)
+    detail = conditioned(t, values)[1]["corrupted_samples"].detail
+    sizes = re.findall(r"([\d.]+)\s%\sof the range of a (position|torque) \((\w+)_joint(\d)\)", detail)
+    assert [kind for _, kind, _, _ in sizes] == ["position", "torque"]
+    for share, _, kind, joint in sizes:
+        column = int(joint) - 1 + (N if kind == "tau" else 0)
+        size = 0.01 * float(share) * float(np.subtract(*np.quantile(values[:, column], (0.99, 0.01))))
+        rows, found = np.arange(100, 3900, 100), []
+        for times in (0.4, 4.0):
+            spoilt = values.copy()
+            spoilt[rows, column] += times * size
+            found.append(marked(conditioned(t, spoilt)[1]["corrupted_samples"], values.shape)[rows, column].mean())
+        assert found[0] == 0.0
+        assert found[1] > 0.8
 
 
 @pytest.mark.sweep

@@ -21,7 +21,6 @@ from dynident.identification.recording_faults.fault_search import (
     MOST_JOINTS,
     WORST_EXPLAINED,
     DetectedFault,
-    find_delay,
     find_excess_of_motion,
     search_bands,
 )
@@ -41,6 +40,7 @@ from dynident.identification.recording_faults.joint_angle_faults import (
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
+    find_delay,
     report_torque_steps,
     thin_out,
 )
@@ -186,7 +186,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         findings = (*_report_compensated(machine, motion, tau), *steps)
     else:
         # Sizes are looked at only where order and signs are right: a wrong column has any size, and so has a step.
-        excess, frictions = find_excess_of_motion(machine, motion, judges), judges.plain_fit.measure_frictions(motion)
+        excess = find_excess_of_motion(machine, motion, judges.plain_fit)
+        frictions = judges.plain_fit.measure_frictions(motion)
         findings = _report_scales(find_torque_scales(machine, motion, excess, frictions), recording, tau)
         if all(check.status == "ok" for check in findings) and not recording.torque_from_commands:
             # A delay can only be estimated once all torques are in the same unit; of servos, play looks like one.
@@ -221,11 +222,11 @@ def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str]
     twins = "; or ".join(describe_fault(twin, recording, q, tau) for twin in finding.alike[:2])
     doubt = f" (These data fit equally well: {twins}.)" if twins else ""
     known, otherwise = ("It seems that", "") if finding.certain else ("Possibly", _OTHER_CAUSES)
-    why = (
-        f"the robot's dynamics leave {format_percent(finding.left_with, decimals=0)} of an average joint's torque "
-        f"unexplained, and {format_percent(finding.left_without, decimals=0)} after the correction"
-    )
-    if finding.left_with < _HARDLY_BETTER * finding.left_without:
+    by_masses = finding.left_by_masses
+    who = "the robot's dynamics" if by_masses is None else "the masses of the description"
+    left = [format_percent(share, decimals=0) for share in by_masses or (finding.left_with, finding.left_without)]
+    why = f"{who} leave {left[0]} of an average joint's torque unexplained, and {left[1]} after the correction"
+    if by_masses is None and finding.left_with < _HARDLY_BETTER * finding.left_without:
         why = "friction would drive the joint, which is impossible"
     columns, is_scaled = tau if "torque" in finding.fault.kind else q, finding.fault.kind == "torque scaled"
     cure, remedies = _describe_cure(finding.fault, q, tau)
@@ -298,8 +299,7 @@ def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
 def _check_delay(
     robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: HeldOutFits
 ) -> tuple[Check, ...]:
-    delay = find_delay(robot, motion, period, judges)
-    if delay is None:
+    if (delay := find_delay(robot, motion, period, judges)) is None:
         return ()
     word = "late" if delay.seconds > 0 else "early"
     if delay.is_at_the_end or delay.left_without > CURED:

@@ -17,9 +17,7 @@ from dynident.identification.recording_faults.column_faults import (
     BESIDE_OFFSETS,
     TURNS,
     ColumnFault,
-    Delay,
     Motion,
-    estimate_delay,
     list_chain_orders,
     list_possible_faults,
     silence_others,
@@ -107,6 +105,8 @@ class DetectedFault:
         The same without the fault.
     certain : bool
         False where another cause may look the same.
+    left_by_masses : (float, float), optional
+        What the masses of the description leave with the fault and without, where they alone tell it.
     """
 
     fault: ColumnFault
@@ -114,6 +114,7 @@ class DetectedFault:
     left_with: float
     left_without: float
     certain: bool
+    left_by_masses: tuple[float, float] | None = None
 
 
 def find_recording_faults(robot: Robot, recording: Recording) -> tuple[tuple[DetectedFault, ...], float] | None:
@@ -194,15 +195,16 @@ def search_faults(
         if step is None:
             break
         mended = step.fault.mend(motion)
-        if judge is judges.plain_fit:
+        if judge is judges.plain_fit and not step.is_borne_out:
             before, after = (judges.offset_fit.measure_unexplained(rows) for rows in (motion, mended))
             if before.score - after.score < BESIDE_OFFSETS * (now.score - step.unexplained.score):
-                # A constant torque explains the same, so the search goes on with constant torques in the model.
+                # A constant torque explains the same, so the search goes on with constant torques in the model. The
+                # description, which has them as well, may tell the fault apart from them.
                 judge, now = judges.offset_fit, before
                 continue
         certain = _is_certain(step, now, *(judge.measure_frictions(rows) for rows in (motion, mended)))
         left_with, left_without = now.average_share, step.unexplained.average_share
-        findings.append(DetectedFault(step.fault, step.alike, left_with, left_without, certain))
+        findings.append(DetectedFault(step.fault, step.alike, left_with, left_without, certain, step.left_by_masses))
         motion, now = mended, step.unexplained
     return tuple(findings), now
 
@@ -211,11 +213,16 @@ _Trial = tuple[ColumnFault, UnexplainedTorque]
 
 
 class _FaultStep(NamedTuple):
-    """A fault, those that cannot be told from it, and what is unexplained without it."""
+    """A fault, those that cannot be told from it, and what is unexplained without it.
+
+    And whether the description bears it out, or alone tells it: then by what it leaves with the fault and without.
+    """
 
     fault: ColumnFault
     alike: tuple[ColumnFault, ...]
     unexplained: UnexplainedTorque
+    is_borne_out: bool
+    left_by_masses: tuple[float, float] | None = None
 
 
 def _is_certain(step: _FaultStep, now: UnexplainedTorque, frictions: FloatArray, mended: FloatArray) -> bool:
@@ -238,7 +245,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     sizes = _TorqueEvidence(
         compute_described_load(robot, motion),
         frictions,
-        _find_excess(judge, robot, motion),
+        find_excess_of_motion(robot, motion, judge),
         # Work comes back from gravity in motions that do not end where they began: friction, which is fitted, does not.
         find_driving_joints(motion) | find_joints_with_friction(frictions),
     )
@@ -269,6 +276,10 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         # Sorted by score: where the best one is not clear, the others are not looked at.
         # Friction tells a sign whatever else is wrong.
         is_by_friction = now.against > unexplained.against and best.kind in TURNS
+        # Of anything else friction that has another sign tells nothing by itself.
+        has_less_driven = unexplained.against < now.against and best.kind not in TURNS
+        if has_less_driven and not now.is_surely_above(unexplained, by_friction=False):
+            continue
         if not now.is_surely_above(unexplained) or (unexplained.average_share > CURED and not is_by_friction):
             break
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
@@ -283,12 +294,13 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         # Columns that look alike but for a constant may be exchanged, or one of them has another zero.
         tried_joints = range(robot.n) if best.is_of_positions else ()
         zeros = estimate_zeros(robot, motion, judge, tried_joints, is_wide=True)
-        lowest, near = trials.find_alike((best, unexplained), list(zeros))
+        possible_zeros = [zero for zero in zeros if not described.refutes(zero)]
+        lowest, near = trials.find_alike((best, unexplained), possible_zeros)
         best, unexplained = _choose_among_alike(lowest, near, described)
         alike = [fault for fault, _ in near if fault != best and not _is_same_zero(fault, best)]
         pair = _find_turned_pair(best, unexplained, judge, motion) if best.kind == "joint turned" else None
         if pair is not None and not described.refutes(pair[0]):
-            return _FaultStep(pair[0], (), pair[1])
+            return _FaultStep(pair[0], (), pair[1], described.bears_out(*pair))
         if best.kind == "torque scaled":
             # A power of ten was tried; the masses may say a gain in between.
             best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
@@ -297,7 +309,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
                 continue
             unexplained = judge.measure_unexplained(best.mend(motion))
         undecided = (fault for fault in alike if not (described.refutes(fault) or described.prefers(best, fault)))
-        return _FaultStep(best, tuple(undecided), unexplained)
+        return _FaultStep(best, tuple(undecided), unexplained, described.bears_out(best, unexplained))
     return _find_fault_by_masses(trials, now, described)
 
 
@@ -368,7 +380,7 @@ def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: De
         if fault.kind == "joint zero":
             fault = refine_zero_by_masses(fault, described)
             unexplained = trials.measure(fault)
-        return _FaultStep(fault, alike, unexplained)
+        return _FaultStep(fault, alike, unexplained, True, described.compute_shares(fault))
     return None
 
 
@@ -439,7 +451,7 @@ def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: 
     )
 
 
-def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | None = None) -> dict[int, float]:
+def find_excess_of_motion(robot: Robot, motion: Motion, judge: HeldOutFit | None = None) -> dict[int, float]:
     """Return the joints whose friction is too large for the robot, and how many times.
 
     Parameters
@@ -448,51 +460,15 @@ def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | No
         The robot.
     motion : Motion
         Filtered rows of the recording.
-    judges : HeldOutFits, optional
-        Fits of the robot, if they exist already.
+    judge : HeldOutFit, optional
+        Fit of the robot, if it exists already.
 
     Returns
     -------
     dict of int to float
         Joint (from 0), and how many times its friction is too large.
     """
-    return _find_excess((judges or HeldOutFits(robot)).plain_fit, robot, motion)
-
-
-def _find_excess(judge: HeldOutFit, robot: Robot, motion: Motion) -> dict[int, float]:
-    excess = find_excess_friction(robot, judge.measure_frictions(motion), find_heavy_joints(robot, motion))
+    frictions = (judge or HeldOutFit(robot)).measure_frictions(motion)
+    excess = find_excess_friction(robot, frictions, find_heavy_joints(robot, motion))
     right = find_joints_of_right_size(robot, motion)
     return {joint: times for joint, times in excess.items() if joint not in right}
-
-
-def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits | None = None) -> Delay | None:
-    """Return the delay of the torque of a motion; None where the rows are too few.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    motion : Motion
-        All filtered rows, in their order.
-    period : float
-        s between rows.
-    judges : HeldOutFits, optional
-        Those of the robot, if they exist already.
-    """
-    judges = judges or HeldOutFits(robot)
-    judge = judges.plain_fit
-    if not has_enough_rows(motion, judge):
-        return None
-    delay = estimate_delay(
-        motion,
-        period,
-        lambda delayed: judge.measure_unexplained(thin_out(delayed)),
-        lambda delayed: judges.offset_fit.measure_unexplained(thin_out(delayed)),
-    )
-    if delay is None or not delay.is_fault or find_moving_joints(motion).sum() == 1:
-        return delay
-    # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
-    # by the way in which it breaks loose.
-    few = thin_out(motion)
-    driven = find_driving_joints(few, surely=False) | find_joints_with_friction(judge.measure_frictions(few))
-    return replace(delay, is_fault=bool(driven.sum() > 1))

@@ -327,12 +327,21 @@ def find_other_mounting(robot: Robot, bands: Sequence[tuple[Motion, float]], jud
         now = judge.measure_unexplained(motion)
         if now.worst_share >= _POOR:
             mounting = find_mounting(robot, motion)
-            if mounting.is_sure and now.is_surely_above(mounting.explains) and mounting.unexplained < _EXPLAINED:
+            is_explained = mounting.unexplained < _EXPLAINED or _do_masses_agree(robot, motion, mounting.gravity)
+            if mounting.is_sure and now.is_surely_above(mounting.explains) and is_explained:
                 return mounting
         by_masses = _find_mounting_by_masses(robot, motion, now) if _has_masses(robot) else None
         if by_masses is not None:
             return by_masses
     return None
+
+
+def _do_masses_agree(robot: Robot, motion: Motion, gravity: FloatArray) -> bool:
+    """Tell whether the described masses, which no fit has changed, say the same other direction of gravity."""
+    direction, size = _find_gravity_of_masses(robot, motion) if _has_masses(robot) else None, np.linalg.norm(gravity)
+    return direction is not None and bool(
+        direction @ gravity > _NEAR_USUAL * size and direction @ robot.gravity <= _BESIDE * size
+    )
 
 
 def _find_mounting_by_masses(robot: Robot, motion: Motion, now: UnexplainedTorque) -> Mounting | None:

@@ -1,4 +1,4 @@
-"""Filter and thin out a recording to the rows that faults are searched on (2,500), and report steps in time there."""
+"""Filter and thin out a recording to the rows that faults are searched on (2,500), and find delays and steps there."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ import numpy as np
 from dynident.array_types import FloatArray, IntArray
 from dynident.effects import OFFSETS
 from dynident.errors import DynidentError
-from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.column_faults import Delay, Motion, estimate_delay
+from dynident.identification.recording_faults.torque_scale import find_driving_joints
 from dynident.identification.recording_faults.tree_fit import BLOCKS, find_joints_at_rest, find_moving_joints
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY,
     HeldOutFit,
+    find_joints_with_friction,
 )
 from dynident.number_format import format_percent
-from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import OVERSAMPLING
@@ -109,6 +111,23 @@ def filter_whole_motion(recording: Recording, *, octaves: int = 0) -> tuple[Moti
         choice = choose_preprocessing([recording])
     except DynidentError:
         return None
+    return filter_whole_motion_by(choice, recording, octaves=octaves)
+
+
+def filter_whole_motion_by(
+    choice: Preprocessing, recording: Recording, *, octaves: int = 0
+) -> tuple[Motion, float] | None:
+    """Return the same with filters that were chosen already.
+
+    Parameters
+    ----------
+    choice : Preprocessing
+        The filters of an identification.
+    recording : Recording
+        The recording.
+    octaves : int
+        How many times the cut-off is halved.
+    """
     cutoff = choice.torque_cutoff
     if octaves and cutoff is not None:
         cutoff /= 2.0**octaves
@@ -216,3 +235,36 @@ def has_enough_rows(motion: Motion, judge: HeldOutFit, times: float = 1.0) -> bo
     return len(thin_out(motion).q) * int(
         find_moving_joints(motion).sum()
     ) >= times * _ROWS_PER_COLUMN * judge.count_columns(motion)
+
+
+def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits | None = None) -> Delay | None:
+    """Return the delay of the torque of a motion; None where the rows are too few.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        All filtered rows, in their order.
+    period : float
+        s between rows.
+    judges : HeldOutFits, optional
+        Those of the robot, if they exist already.
+    """
+    judges = judges or HeldOutFits(robot)
+    judge = judges.plain_fit
+    if not has_enough_rows(motion, judge):
+        return None
+    delay = estimate_delay(
+        motion,
+        period,
+        lambda delayed: judge.measure_unexplained(thin_out(delayed)),
+        lambda delayed: judges.offset_fit.measure_unexplained(thin_out(delayed)),
+    )
+    if delay is None or not delay.is_fault or find_moving_joints(motion).sum() == 1:
+        return delay
+    # A log that is late is late for all joints. Where the motors of all others are off, one joint alone may look late
+    # by the way in which it breaks loose.
+    few = thin_out(motion)
+    driven = find_driving_joints(few, surely=False) | find_joints_with_friction(judge.measure_frictions(few))
+    return replace(delay, is_fault=bool(driven.sum() > 1))

@@ -117,13 +117,15 @@ class UnexplainedTorque:
         has_less = all(mended.joints[joint] <= _EXPLAINED_MUCH * self.joints[joint] for joint in fault.own_joints)
         return has_less and fault.kind != "torque scaled"
 
-    def is_surely_above(self, other: UnexplainedTorque) -> bool:
+    def is_surely_above(self, other: UnexplainedTorque, *, by_friction: bool = True) -> bool:
         """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
 
         Parameters
         ----------
         other : UnexplainedTorque
             What the other fit leaves unexplained.
+        by_friction : bool
+            Whether friction that drives more joints tells it by itself.
         """
         score, fall = self.compute_summed_fall_to(other), self.compute_fall_to(other)
         # A paired comparison: both fits see the same blocks, so the scatter of the difference counts, which is much
@@ -133,7 +135,8 @@ class UnexplainedTorque:
         falls_inside = self.inside - other.inside >= INSIDE * fall
         if score >= CLEARLY_IN_ALL_BLOCKS and errors >= IN_ALL_BLOCKS and falls_inside:
             return True
-        return score >= CLEARLY and (self.against > other.against or (errors >= SURELY and falls_inside))
+        is_by_friction = by_friction and self.against > other.against
+        return score >= CLEARLY and (is_by_friction or (errors >= SURELY and falls_inside))
 
 
 class HeldOutFit:

@@ -39,16 +39,19 @@ FARTHER = 0.15
 (the others have less)."""
 
 
-def measure_usual_steps(steps: FloatArray) -> FloatArray:
+def measure_usual_steps(steps: FloatArray, smooth: BoolArray) -> FloatArray:
     """Return the usual size of the steps of signals near each row.
 
     It is the upper quartile of a chunk, and the median of the steps that are not zero where few are not (counts of an
-    encoder): the largest of those of the chunks nearby, since noise grows where a joint begins to move.
+    encoder): the largest of those of the chunks nearby, since noise grows where a joint begins to move, and of smooth
+    signals the second largest.
 
     Parameters
     ----------
     steps : (m, c)
         Steps of c signals, NaN where there is none.
+    smooth : (c,)
+        Which signals are smooth.
 
     Returns
     -------
@@ -66,11 +69,14 @@ def measure_usual_steps(steps: FloatArray) -> FloatArray:
     at = (3 * n_finite) // 4
     own = np.take_along_axis(chunks, np.minimum(at, np.maximum(n_finite - 1, 0))[:, None, :], axis=1)[:, 0]
     own = np.nan_to_num(own)
-    near = own.copy()
-    for shift in range(1, NEAR_CHUNKS + 1):
-        np.maximum(near[shift:], own[:-shift], out=near[shift:])
-        np.maximum(near[:-shift], own[shift:], out=near[:-shift])
-    return np.repeat(near, CHUNK_ROWS, axis=0)[:m]
+    # Corrupted samples that stand close together make the steps of one chunk large. A position that is corrupted there
+    # spoils a model, while the noise of torques really may be large for one chunk only.
+    largest, second = own.copy(), np.zeros_like(own)
+    for shift in range(1, min(NEAR_CHUNKS, n - 1) + 1):
+        for here, there in ((slice(shift, None), slice(None, -shift)), (slice(None, -shift), slice(shift, None))):
+            second[here] = np.maximum(second[here], np.minimum(largest[here], own[there]))
+            largest[here] = np.maximum(largest[here], own[there])
+    return np.repeat(np.where(smooth & (n > 1), second, largest), CHUNK_ROWS, axis=0)[:m]
 
 
 def measure_signal_steps(

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.number_format import format_percent
 from dynident.recordings.conditioning.angle_wrapping import TURN, find_wrapping_columns
 from dynident.recordings.conditioning.corrupted_sample_detection import (
     LONGEST,
@@ -49,6 +50,7 @@ class CorruptedSamples:
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
         self._found = ChangedRows()
+        self._least_shares: dict[int, float] = {}
         # Whatever a signal did before: there and back within two samples no joint is so fast.
         self._impossible = 2.0 * signals.fastest * signals.step
 
@@ -60,18 +62,19 @@ class CorruptedSamples:
         # At a wrap an angle jumps by a turn, which is no corruption: differences of such angles are folded.
         periods = np.where(find_wrapping_columns(window, signals)[needed], TURN, 0.0)
         steps = measure_signal_steps(values, window.t, window.run, smooth, periods)
-        usual = measure_usual_steps(steps)
+        usual = measure_usual_steps(steps, smooth)
         impossible = np.where(smooth, self._impossible[needed], np.inf)
         # Of a signal whose usual steps are large, too, what no joint can do is large all the same.
         large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
         marks = np.zeros(values.shape, dtype=bool)
-        for index in np.flatnonzero(large.any(axis=0)):
+        for index, column in enumerate(needed.tolist()):
             # The full search is slow: only signals with large steps up and down again go through it.
-            if _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
-                course = self._describe_signal(
-                    window, int(needed[index]), steps[:, index], usual[:, index], periods[index]
-                )
-                marks[find_corrupted_samples(course), index] = True
+            is_suspect = _comes_back(steps[:, index], np.flatnonzero(large[:, index]))
+            # Which samples are found at all is measured once of every signal.
+            if is_suspect or column not in self._least_shares:
+                course = self._describe_signal(window, column, steps[:, index], usual[:, index], periods[index])
+                if is_suspect:
+                    marks[find_corrupted_samples(course), index] = True
         if not marks.any():
             return
         back = np.sign(steps) * large
@@ -81,7 +84,7 @@ class CorruptedSamples:
                 axis=1
             )
         )
-        for index in np.flatnonzero(marks.any(axis=0)):
+        for index in np.flatnonzero(marks.any(axis=0)).tolist():
             column = int(needed[index])
             rows = np.flatnonzero(marks[:, index])
             # Positions cannot jump. Torques can, where the robot is pushed or where friction changes its sign.
@@ -93,17 +96,28 @@ class CorruptedSamples:
 
     def checks(self) -> list[Check]:
         """Report which samples were removed."""
-        rows = self._found
+        rows, least = self._found, self._describe_least_sizes()
         if not rows.n:
-            return [Check(self.name, "ok", "No sample is an obvious outlier of its signal.")]
+            return [Check(self.name, "ok", f"No sample is an obvious outlier of its signal.{least}")]
         single = rows.n == 1
         detail = (
             f"{rows.n} sample{' is an obvious outlier' if single else 's are obvious outliers'} of "
             f"{'its signal' if single else 'their signals'} and cannot have been measured: "
             f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} interpolated between the "
-            "neighbours. Look for lost frames of the bus; if the recorded values are right"
+            f"neighbours.{least} Look for lost frames of the bus; if the recorded values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
+
+    def _describe_least_sizes(self) -> str:
+        """Say from which size on samples are found, by the signal that has the most noise."""
+        smooth, sizes = self._signals.smooth, []
+        for of, kind in ((True, "position"), (False, "torque")):
+            shares = {column: share for column, share in self._least_shares.items() if smooth[column] == of}
+            if shares:
+                column = max(shares, key=shares.__getitem__)
+                share = format_percent(shares[column], decimals=2 if of else 0)
+                sizes.append(f"{share} of the range of a {kind} ({self._signals.sources[column]})")
+        return f" A sample that is off by less than {' or '.join(sizes)} may pass for noise." if sizes else ""
 
     def _find_explained_rows(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
         """Return which rows of a torque may have been measured after all.
@@ -149,7 +163,7 @@ class CorruptedSamples:
         signals = self._signals
         x, smooth = window.values[:, column], bool(signals.smooth[column])
         finite = x[np.isfinite(x)]
-        low, high = np.quantile(finite, (0.01, 0.99))
+        low, high = np.quantile(finite, (0.01, 0.99)) if len(finite) else (0.0, 0.0)
         changes = np.abs(np.diff(finite))
         changes = changes[changes > ROUNDING * max(abs(low), abs(high))]
         # Nearly the smallest change, which is a count of the encoder where the signal has counts.
@@ -160,6 +174,9 @@ class CorruptedSamples:
         if smooth:
             impossible = float(self._impossible[column])
             threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
+        if high > low:
+            share = min(float(np.median(threshold)) / float(high - low), 1.0)
+            self._least_shares[column] = max(share, self._least_shares.get(column, 0.0))
         return SignalSeries(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
 
 
