@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -100,3 +101,11 @@ def pad_to_square(r: FloatArray) -> FloatArray:
     if missing <= 0:
         return r
     return np.concatenate([r, np.zeros((*r.shape[:-2], missing, r.shape[-1]))], axis=-2)
+
+
+def stack_blocks(blocks: Sequence[FloatArray], size: int) -> FloatArray:
+    """Return blocks of at most k rows of k columns as one array (s, k, k), with zeros where rows are missing."""
+    stacked = np.zeros((len(blocks), size, size))
+    for place, rows in zip(stacked, blocks, strict=True):
+        place[: len(rows)] = rows
+    return stacked
