@@ -73,7 +73,7 @@ def extend_model(model: Model, added: Sequence[EffectChoice], *, tolerance: floa
     if not added:
         raise DynidentError("choose at least one effect to add", pointer="/effects")
     meant, geometry = _find_meant_effects(added), _read_geometry(model.robot)
-    return _extend_model_once(model.shared, tuple(added), meant, tolerance, geometry).with_own_signals()
+    return _extend_model_once(model.original, tuple(added), meant, tolerance, geometry).with_own_signals()
 
 
 @lru_cache(maxsize=32)
@@ -156,20 +156,20 @@ class Model:
         return self.observation.columns
 
     @property
-    def shared(self) -> Model:
+    def original(self) -> Model:
         """The model that this one is a copy of, with signals that nobody adds to."""
-        return cast("Model", self.__dict__.get("_shared", self))
+        return cast("Model", self.__dict__.get("_original", self))
 
     def with_own_signals(self) -> Model:
         """Return a copy that shares everything but the hysteresis states and runs that are added to its signals."""
         own = copy.copy(self)
-        own.__dict__.update(signals=self.signals.copy(), _shared=self)
+        own.__dict__.update(signals=self.signals.copy(), _original=self)
         return own
 
     @property
     def at_rest(self) -> Observation:
         """The friction of the kept columns where each joint is about to move, in either direction: (2 n, b)."""
-        return self.shared._observation_at_rest
+        return self.original._observation_at_rest
 
     @cached_property
     def _observation_at_rest(self) -> Observation:
