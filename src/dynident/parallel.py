@@ -325,6 +325,12 @@ class Deferring:
             self.__dict__[name] = waiting.value
             return waiting.value
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all fields, as a copy in another process cannot compute what this one has deferred."""
+        for name in self.__dict__["_waiting"]:
+            getattr(self, name)
+        return self.__dict__ | {"_waiting": {}}
+
     def with_changes(self, **changes: object) -> Self:
         """Return a copy with other values of some fields, as `dataclasses.replace`, which would compute the others."""
         known = self.__dict__["_waiting"] | self.__dict__

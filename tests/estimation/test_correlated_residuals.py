@@ -8,7 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from dynident.estimation import FactorAccumulator, Reduction, compute_correlation_factor, solve_ordinary, statistics
+from dynident.estimation import (
+    FactorAccumulator,
+    Reduction,
+    compute_correlation_factor,
+    qr_decomposition,
+    solve_ordinary,
+    statistics,
+)
 from dynident.estimation.residual_correlation import count_correlation_freedom
 
 P, M, RATE = 5, 6000, 50.0
@@ -142,3 +149,18 @@ def test_a_column_that_an_equation_hardly_sees_does_no_harm():
     equation = accumulator.finish().equations[0]
     values = np.append(solve_ordinary(reduced(w, y)).values, 7.0)
     assert compute_correlation_factor(equation, values) == pytest.approx(plain, rel=1e-6)
+
+
+def test_columns_are_whitened_as_by_singular_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    w = smooth(rng, (M, P), 0.9) * np.array([1.0, 1e2, 1e-2, 3.0, 0.1])
+    equation = reduced(w, smooth(rng, (M, 1), 0.9)[:, 0]).equations[0]
+    columns, factor = equation.factors[:, :, :-1], equation.whole_factor[:, :-1]
+    inverted = qr_decomposition.whiten_columns(columns, factor)
+    monkeypatch.setattr(qr_decomposition, "_REGULAR", np.inf)
+    by_singular_values = qr_decomposition.whiten_columns(columns, factor)
+    for found in (inverted, by_singular_values):
+        flat = found.rows.reshape(-1, P)
+        np.testing.assert_allclose(flat.T @ flat, np.eye(P), atol=1e-10)
+    assert inverted.spread == pytest.approx(by_singular_values.spread, rel=1e-10)
+    assert not np.allclose(inverted.rows, by_singular_values.rows)

@@ -365,3 +365,46 @@ def test_rows_in_one_long_push_are_cut_where_time_jumps():
     reduction = data.reduction(stretch=3.0, block=1000)
     assert not ((reduction.spans[:, 0] < 50) & (reduction.spans[:, 1] > 50)).any()
     assert sum(reduction.equations[0].counts) == 400
+
+
+def reweighted_by_numpy(data: Rows, most_rounds: int = 100) -> np.ndarray:
+    """Weighted least squares of all rows, each equation divided by the size of its residual, until it settles."""
+    noise = np.ones(len(CONTAINS))
+    for _ in range(most_rounds):
+        w, y = data.dense(noise)
+        values = np.linalg.lstsq(w, y, rcond=None)[0]
+        rests = [y - w @ values[columns] for w, y, columns in zip(data.w, data.y, CONTAINS, strict=True)]
+        noise = np.sqrt([float((rest**2).mean()) for rest in rests])
+    return values
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, np.array([0.5, 3.0, 1e-7]), np.array([1e3, 3.0, 1e-5])])
+def test_weighted_least_squares_is_that_of_all_rows_however_much_the_noise_differs(sigma: np.ndarray) -> None:
+    """Noise that differs much is weighed by another factorisation, since normal equations would lose the digits."""
+    data = Rows(seed=4, sigma=sigma)
+    np.testing.assert_allclose(solve_weighted(data.reduction()).values, reweighted_by_numpy(data), rtol=1e-7)
+
+
+def test_weighted_least_squares_with_columns_that_nearly_depend_on_one_another_is_that_of_all_rows() -> None:
+    data = Rows(seed=5)
+    data.w[0][:, 1] = data.w[0][:, 0] + 1e-6 * data.w[0][:, 1]
+    data.y[0] = data.w[0] @ data.truth[CONTAINS[0]] + SIGMA[0] * np.random.default_rng(1).normal(size=len(data.t))
+    found = solve_weighted(data.reduction()).values
+    w, _ = data.dense()
+    np.testing.assert_allclose(w @ found, w @ reweighted_by_numpy(data), atol=1e-7 * np.abs(w @ found).max())
+
+
+def test_weights_settle_beside_an_equation_without_noise_that_shows_few_directions() -> None:
+    """Normal equations would lose what the noisy equation says of the other directions."""
+    rng, size = np.random.default_rng(1), 7
+    truth, few = rng.normal(size=size), rng.normal(size=(400, 3)) @ rng.normal(size=(3, size))
+    rows = [
+        np.column_stack([w, w @ truth + sigma * rng.normal(size=400)])
+        for w, sigma in ((few, 1e-8), (rng.normal(size=(400, size)), 1.0))
+    ]
+    accumulator = FactorAccumulator([np.arange(size)] * 2, size, 0.5)
+    accumulator.push(np.arange(400) / 50.0, rows)
+    solution = solve_weighted(accumulator.finish())
+    assert solution.converged
+    shown = np.linalg.lstsq(few, rows[0][:, -1], rcond=1e-9)[0]
+    np.testing.assert_allclose(few @ solution.values, few @ shown, atol=1e-6)

@@ -23,7 +23,7 @@ from dynident.effects.effect_signals import DAHL, MemorySignal, RunSignal
 from dynident.expressions import compiled_expressions
 from dynident.expressions.compiled_expressions import Compiled
 from dynident.regressors.base_parameters import evaluate_at_random_states, find_base_parameters, select_base
-from dynident.regressors.model_structure import build_model, find_inertial_base_parameters, get_model
+from dynident.regressors.model_structure import build_model, extend_model, find_inertial_base_parameters, get_model
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import robot_from_urdf
 
@@ -271,6 +271,26 @@ def test_models_of_one_robot_share_their_columns_and_not_the_states_that_are_add
     with CATALOGUE.add_temporarily(again):
         assert get_model(robot, effects).observation is not first.observation
     assert get_model(robot, effects).observation is first.observation
+
+
+def test_models_that_are_extended_alike_share_their_columns_and_not_the_states_that_are_added_to_one_of_them():
+    robot, effects = arm("ur10"), [EffectChoice("rigid_body"), EffectChoice("coulomb")]
+    presliding = EffectChoice("presliding", robot.joint_names[:1], (("d0", 0.01), ("law", 1.0)))
+    models = [get_model(robot, effects) for _ in range(2)]
+    first, second = (extend_model(model, [presliding]) for model in models)
+    assert second.observation is first.observation
+    assert second.at_rest is first.at_rest
+    assert first.observation.parts[0] is models[0].observation
+    # The model that was extended has no state of what was added, and the extended ones have none of each other's.
+    assert models[0].signals.memory_signals == ()
+    first.signals.memory(MemorySignal(DAHL, 1, 0.02))
+    assert len(second.signals.memory_signals) == 1
+    viscous = EffectChoice("viscous", robot.joint_names[:1])
+    assert extend_model(second, [viscous]).observation is extend_model(first, [viscous]).observation
+    again = type("Again", (type(CATALOGUE["presliding"]),), {"id": "presliding"})()
+    with CATALOGUE.add_temporarily(again):
+        assert extend_model(models[0], [presliding]).observation is not first.observation
+    assert extend_model(models[0], [presliding], tolerance=1e-3).observation is not first.observation
 
 
 def wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:

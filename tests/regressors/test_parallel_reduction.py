@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import pickle
 import threading
 import time
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from dynident import parallel as threads
 from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.errors import Cancelled
-from dynident.estimation import Reduction
+from dynident.estimation import EquationFactors, Reduction, WeightedRows
 from dynident.parallel import Deferring, defer, map_in_threads, prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
@@ -235,3 +236,28 @@ def test_a_deferred_field_that_cannot_be_computed_says_so_every_time() -> None:
             _ = answer.slow
     with pytest.raises(AttributeError, match="no attribute absent"):
         _ = answer.absent  # type: ignore[attr-defined]
+
+
+def test_a_copy_in_another_process_has_its_deferred_fields() -> None:
+    assert pickle.loads(pickle.dumps(Answer(1, defer(lambda: 7)))) == Answer(1, 7)
+
+
+def test_factors_of_weighted_rows_are_computed_when_they_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, size = np.random.default_rng(3), 4
+    weighted = WeightedRows(rng.normal(size=(5, 2, size)), np.full(5, 2), rng.normal(size=(5, size, size)))
+    rows = np.concatenate([weighted.others, 0.5 * weighted.rows], axis=1)
+    computed = []
+    factors_of = vars(WeightedRows)["weighted_factors"].fget
+    watched = property(lambda own: computed.append(own.weight) or factors_of(own))
+    monkeypatch.setattr(WeightedRows, "weighted_factors", watched)
+    whole = EquationFactors.from_groups(np.arange(size - 1), weighted, np.full(5, 6), None)
+    # Weights are found in many rounds, of which each needs all blocks together alone.
+    for weight in (0.5, 0.25):
+        whole = whole.weight_group(weight)
+        stacked = np.concatenate([weighted.others, np.sqrt(weight) * weighted.rows], axis=1)
+        flat = stacked.reshape(-1, size)
+        np.testing.assert_allclose(whole.whole_factor.T @ whole.whole_factor, flat.T @ flat, rtol=1e-12)
+    assert not computed
+    grams = whole.factors.transpose(0, 2, 1) @ whole.factors
+    np.testing.assert_allclose(grams, rows.transpose(0, 2, 1) @ rows, rtol=1e-12)
+    assert computed == [0.25]

@@ -7,8 +7,6 @@ from dynident.estimation.least_squares import (
     EstimationError,
     Solution,
     build_weighted_factor,
-    compute_condition_number,
-    compute_equilibrated_condition_number,
     compute_noise_levels,
     compute_relative_change,
     compute_row_noise,
@@ -17,6 +15,7 @@ from dynident.estimation.least_squares import (
     solve_weighted,
 )
 from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
+from dynident.estimation.parameter_correlation import compute_condition_number, compute_equilibrated_condition_number
 from dynident.estimation.parameter_covariance import CovarianceName, Statistics, compute_row_freedom, statistics
 from dynident.estimation.prior_information import PriorInformation, build_prior
 from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows

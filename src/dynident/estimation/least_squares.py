@@ -1,4 +1,4 @@
-"""Ordinary and weighted least squares from factors [12.5], condition numbers, rank checks, noise of each equation.
+"""Ordinary and weighted least squares from factors [12.5], rank checks, noise of each equation.
 
 Holds the most rounds of weighting, and when weights count as settled.
 """
@@ -9,9 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack, solve_triangular
 
-from dynident.array_types import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.errors import DynidentError
 from dynident.estimation.prior_information import PriorInformation, invert_factor
 from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
@@ -29,6 +29,8 @@ WEIGHTS_SETTLED = 1e-6
 _SINGULAR = 1e-12
 # Residual of exact data relative to what was measured: below it there is only rounding, which no iteration settles.
 _ROUNDING = 1e-10
+# Largest ratio of weights that normal equations are solved with: it leaves half of the digits.
+_WIDEST = 1e8
 
 
 class EstimationError(DynidentError):
@@ -122,47 +124,6 @@ def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorI
     if len(stacked) < c + 1:
         stacked = np.pad(stacked, [(0, c + 1 - len(stacked)), (0, 0)])
     return compute_r_factor(stacked)
-
-
-def compute_condition_number(reduction: Reduction) -> float:
-    """Return cond(W), [12.12], of the unweighted W without prior knowledge.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-
-    Returns
-    -------
-    float
-        Ratio of the largest to the smallest singular value; infinite where W is singular.
-    """
-    return _compute_condition(
-        build_weighted_factor(reduction.equally_weighted, np.ones(len(reduction.equations)))[:-1, :-1]
-    )
-
-
-def compute_equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
-    """Return cond(W) with columns scaled to equal size, so that units of parameters do not count.
-
-    Parameters
-    ----------
-    reduction, noise : Reduction, (n,)
-        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
-
-    Returns
-    -------
-    float
-        Ratio of the largest to the smallest singular value; infinite where W is singular.
-    """
-    factor = build_weighted_factor(reduction, noise)[:-1, :-1]
-    scales = np.linalg.norm(factor, axis=0)
-    return _compute_condition(factor / np.where(scales > 0, scales, 1.0))
-
-
-def _compute_condition(factor: FloatArray) -> float:
-    singular = np.linalg.svd(factor, compute_uv=False)
-    return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
 
 
 def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
@@ -363,14 +324,74 @@ def _iterate_weights(
     reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: PriorInformation | None
 ) -> Solution:
     """Solve and estimate the noise in turn until the noise settles."""
-    solution, noise = first, noise_of(first.values)
+    noise, equations = noise_of(first.values), _NormalEquations.from_solution(reduction, first, known)
     # Iteratively reweighted least squares: the noise follows from the residuals, and the residuals from the weights.
     for _ in range(MOST_ROUNDS):
-        solution = solve(reduction, noise, known)
-        before, noise = noise, noise_of(solution.values)
+        values = equations.solve(noise)
+        if values is None:
+            values = solve(reduction, noise, known).values
+        before, noise = noise, noise_of(values)
         if are_weights_settled(reduction, before, noise):
-            return solution
-    return replace(solution, converged=False)
+            return solve(reduction, before, known)
+    return replace(solve(reduction, before, known), converged=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _NormalEquations:
+    """Normal equations of changed weights, about a solution and in coordinates in which it has WᵀW = 1.
+
+    There the condition number is at most the ratio of the weights, so that nothing is lost by squaring it.
+
+    Parameters
+    ----------
+    start : Solution
+        The solution.
+    free : (f,)
+        Numbers of the parameters that are not held.
+    factor : (f, f)
+        Triangular factor R of its weighted W, of these parameters.
+    grams, moments : (n + 1, f, f), (n + 1, f)
+        ZᵀZ and Zᵀρ of every equation and of prior knowledge, as they were weighted, with Z = W R⁻¹.
+    """
+
+    start: Solution
+    free: IndexArray
+    factor: FloatArray
+    grams: FloatArray
+    moments: FloatArray
+
+    @classmethod
+    def from_solution(cls, reduction: Reduction, start: Solution, known: PriorInformation | None) -> _NormalEquations:
+        free = np.flatnonzero(~start.is_held)
+        factor = start.factor if start.free is None else compute_r_factor(start.factor[:, free])
+        sizes = [len(equation.columns) + 1 for equation in reduction.equations]
+        rows = np.zeros((sum(sizes) + (0 if known is None else len(known.right)), reduction.n_columns + 1))
+        ends = np.cumsum([0, *sizes])
+        for equation, sigma, first in zip(reduction.equations, start.noise, ends, strict=False):
+            place = slice(first, first + len(equation.columns) + 1)
+            rows[place, equation.columns] = equation.whole_factor[:, :-1] / sigma
+            rows[place, -1] = equation.whole_factor[:, -1] / sigma
+        if known is not None:
+            rows[ends[-1] :] = known.rows
+        residual = rows[:, -1] - rows[:, :-1] @ start.values
+        z = solve_triangular(factor, rows[:, free].T, trans="T").T
+        parts = [slice(a, b) for a, b in zip(ends, [*ends[1:], len(rows)], strict=True)]
+        grams = np.array([z[part].T @ z[part] for part in parts])
+        return cls(start, free, factor, grams, np.array([residual[part] @ z[part] for part in parts]))
+
+    def solve(self, noise: FloatArray) -> FloatArray | None:
+        """Return the estimates (c,) with other noise (n,); None if weights differ too much, or nothing is free."""
+        weights = np.append((self.start.noise / noise) ** 2, 1.0)
+        if not len(self.free) or weights.max() > _WIDEST * weights.min():
+            return None
+        gram = (weights @ self.grams.reshape(len(weights), -1)).reshape(self.factor.shape)
+        # Not by SciPy's functions: for systems this small their checks take longer than the solution.
+        _, change, failed = lapack.dposv(gram, weights @ self.moments)
+        if failed:
+            return None
+        values = self.start.values.copy()
+        values[self.free] += lapack.dtrtrs(self.factor, change)[0]
+        return values
 
 
 def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
@@ -387,8 +408,7 @@ def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatAr
     -------
     bool
     """
-    measured = [float(np.linalg.norm(equation.whole_factor[:, -1])) for equation in reduction.equations]
-    rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
+    rounding = _ROUNDING * reduction.measured_sizes / np.sqrt(np.maximum(reduction.row_counts, 1.0))
     return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 
 

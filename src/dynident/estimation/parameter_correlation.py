@@ -1,4 +1,4 @@
-"""Pairs of estimates that are strongly correlated (above 0.9), and directions that data hardly determine."""
+"""Pairs of strongly correlated estimates (above 0.9), directions that data hardly determine; condition numbers."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.least_squares import Solution
+from dynident.estimation.least_squares import Solution, build_weighted_factor
 from dynident.estimation.parameter_covariance import Statistics, compute_correlations
+from dynident.estimation.triangular_factors import Reduction
 
 STRONG_CORRELATION = 0.9
 """Correlation of two estimates above which they are determined mostly together."""
@@ -136,3 +137,44 @@ def _find_weak_directions(solution: Solution, uncertainty: Statistics, most: int
             )
         )
     return tuple(weak_directions)
+
+
+def compute_condition_number(reduction: Reduction) -> float:
+    """Return cond(W), [12.12], of the unweighted W without prior knowledge.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+
+    Returns
+    -------
+    float
+        Ratio of the largest to the smallest singular value; infinite where W is singular.
+    """
+    return _compute_condition(
+        build_weighted_factor(reduction.equally_weighted, np.ones(len(reduction.equations)))[:-1, :-1]
+    )
+
+
+def compute_equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
+    """Return cond(W) with columns scaled to equal size, so that units of parameters do not count.
+
+    Parameters
+    ----------
+    reduction, noise : Reduction, (n,)
+        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
+
+    Returns
+    -------
+    float
+        Ratio of the largest to the smallest singular value; infinite where W is singular.
+    """
+    factor = build_weighted_factor(reduction, noise)[:-1, :-1]
+    scales = np.linalg.norm(factor, axis=0)
+    return _compute_condition(factor / np.where(scales > 0, scales, 1.0))
+
+
+def _compute_condition(factor: FloatArray) -> float:
+    singular = np.linalg.svd(factor, compute_uv=False)
+    return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")

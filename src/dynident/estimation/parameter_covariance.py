@@ -27,6 +27,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 from scipy.special import stdtrit
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
@@ -181,9 +182,8 @@ def _leave_out_blocks(informations: FloatArray) -> tuple[FloatArray, FloatArray]
     """Return (1 - A_s)⁻¹ (s, f, f) of every block, and Σ v vᵀ (f, f) of directions v that only one block determines."""
     s, f, _ = informations.shape
     away, alone = np.zeros((s, f, f)), np.zeros((f, f))
-    # The Frobenius norm bounds the largest eigenvalue, so only the few blocks above the limit need an
-    # eigendecomposition.
-    many = np.sqrt((informations**2).sum(axis=(1, 2))) > _ALONE
+    # Cholesky's decomposition fails where an eigenvalue is above the limit: only these few blocks need all of them.
+    many = np.array([lapack.dpotrf(_ALONE * np.eye(f) - block)[1] > 0 for block in informations], dtype=bool)
     away[~many] = np.linalg.inv(np.eye(f) - informations[~many])
     values, vectors = np.linalg.eigh(informations[many])
     lost = values > _ALONE

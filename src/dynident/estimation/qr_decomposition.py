@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,6 +13,8 @@ from dynident.array_types import BoolArray, FloatArray
 
 # Singular values below this share of the largest count as directions that no row excites.
 _SEEN = 1e-9
+# Reciprocal condition number above which a triangular factor is inverted as it is.
+_REGULAR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,19 +48,23 @@ def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
     w : (s, m, k)
         Columns of s blocks.
     factor : (…, k)
-        Triangular factor of the rows of all blocks.
+        Upper triangular factor of the rows of all blocks.
 
     Returns
     -------
     WhitenedColumns or None
         None where all columns are zero.
     """
-    _, singular, vt = np.linalg.svd(factor, full_matrices=False)
-    is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
-    if not is_excited.any():
-        return None
-    # With R = U S Vᵀ the columns W V S⁻¹ have unit inner products: whitening by the SVD copes with singular R.
-    rows = w @ (vt[is_excited].T / singular[is_excited])
+    k = factor.shape[1]
+    if len(factor) >= k > 0 and lapack.dtrcon(factor[:k])[0] > _REGULAR:
+        rows = w @ lapack.dtrtri(factor[:k])[0]
+    else:
+        _, singular, vt = np.linalg.svd(factor, full_matrices=False)
+        is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
+        if not is_excited.any():
+            return None
+        # With R = U S Vᵀ the columns W V S⁻¹ have unit inner products: whitening by the SVD copes with singular R.
+        rows = w @ (vt[is_excited].T / singular[is_excited])
     grams = rows.transpose(0, 2, 1) @ rows
     return WhitenedColumns(rows, float(np.sum(grams * grams)))
 
@@ -100,3 +107,11 @@ def pad_to_square(r: FloatArray) -> FloatArray:
     if missing <= 0:
         return r
     return np.concatenate([r, np.zeros((*r.shape[:-2], missing, r.shape[-1]))], axis=-2)
+
+
+def stack_blocks(blocks: Sequence[FloatArray], size: int) -> FloatArray:
+    """Return blocks of at most k rows of k columns as one array (s, k, k), with zeros where rows are missing."""
+    stacked = np.zeros((len(blocks), size, size))
+    for place, rows in zip(stacked, blocks, strict=True):
+        place[: len(rows)] = rows
+    return stacked

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
+from dynident.estimation.qr_decomposition import compute_r_factor, join_factors, pad_to_square
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +110,24 @@ class WeightedRows(BlockRows):
 
     others: FloatArray
     weight: float = 1.0
+
+    @cached_property
+    def whole_parts(self) -> tuple[FloatArray, FloatArray]:
+        """Factors (p + 1, p + 1) of the other rows and of the group's, without its weight, of all blocks together."""
+        return join_factors(self.others), self.row_group.factor
+
+    @property
+    def whole_factor(self) -> FloatArray:
+        """Factor (p + 1, p + 1) of all rows of all blocks, as they are weighted."""
+        others, group = self.whole_parts
+        return pad_to_square(compute_r_factor(np.concatenate([others, np.sqrt(self.weight) * group])))
+
+    def change_weight(self, weight: float) -> WeightedRows:
+        """Return the same rows with another weight of the group."""
+        changed = replace(self, weight=weight)
+        # These do not depend on the weight, and weights are found in many rounds.
+        changed.__dict__["whole_parts"] = self.whole_parts
+        return changed
 
     @property
     def weighted_factors(self) -> FloatArray:

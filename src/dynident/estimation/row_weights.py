@@ -17,7 +17,6 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.estimation.least_squares import EstimationError, solve_weighted
 from dynident.estimation.prior_information import PriorInformation
-from dynident.estimation.qr_decomposition import join_factors
 from dynident.estimation.row_groups import WeightedRows
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
@@ -124,9 +123,9 @@ def _merge_blocks(equation: EquationFactors) -> EquationFactors:
     counts = np.array([equation.counts.sum()])
     if equation.weighted_rows is None:
         return EquationFactors(equation.columns, equation.whole_factor[None], counts)
-    rows = equation.weighted_rows
-    own = WeightedRows(rows.row_group.factor[None], np.array([rows.count]), join_factors(rows.others)[None])
-    return EquationFactors(equation.columns, own.weighted_factors, counts, None, own)
+    others, group = equation.weighted_rows.whole_parts
+    own = WeightedRows(group[None], np.array([equation.weighted_rows.count]), others[None])
+    return EquationFactors.from_groups(equation.columns, own, counts, None)
 
 
 def _compute_weights(coarse: Reduction, values: FloatArray) -> FloatArray:

@@ -19,9 +19,11 @@ from dynident.estimation.qr_decomposition import (
     compute_r_factor,
     join_factors,
     pad_to_square,
+    stack_blocks,
     whiten_columns,
 )
 from dynident.estimation.row_groups import BlockRows, RowGroup, SeparateRows, WeightedRows, join_separate_rows
+from dynident.parallel import Deferring, defer
 
 _FORGOTTEN = 1e-3
 """Weight below which a block of time counts as forgotten."""
@@ -31,7 +33,7 @@ RowGroupName = Literal["plain", "weighted", "counted"]
 
 
 @dataclass(frozen=True, eq=False)
-class EquationFactors:
+class EquationFactors(Deferring):
     """The rows of one equation, block by block.
 
     Parameters
@@ -39,7 +41,7 @@ class EquationFactors:
     columns : (p,)
         Numbers of the parameters that the equation contains.
     factors : (s, p + 1, p + 1)
-        Triangular factor of [W | Y] of every block of time, Y last.
+        Triangular factor of [W | Y] of every block of time, Y last; deferred where rows have a weight of their own.
     counts : (s,)
         Number of rows that each factor stands for.
     separate_rows : SeparateRows, optional
@@ -61,7 +63,7 @@ class EquationFactors:
     @cached_property
     def whole_factor(self) -> FloatArray:
         """Factor (p + 1, p + 1) of all blocks together."""
-        return join_factors(self.factors)
+        return join_factors(self.factors) if self.weighted_rows is None else self.weighted_rows.whole_factor
 
     @cached_property
     def whitened_columns(self) -> WhitenedColumns | None:
@@ -95,7 +97,7 @@ class EquationFactors:
         )
         numbers = np.array([new for new, _ in chosen], dtype=np.intp)
         if self.weighted_rows is not None:
-            return self._rebuild(numbers, self.weighted_rows.select(selected), separate_rows)
+            return self.from_groups(numbers, self.weighted_rows.select(selected), self.counts, separate_rows)
         # Columns that are taken out of a triangular factor leave it no longer triangular: one more QR decomposition, of
         # a few rows, restores it. No data is read again.
         factors = compute_r_factor(self.factors[:, :, selected]) if len(self.factors) else self.factors
@@ -105,7 +107,7 @@ class EquationFactors:
         """Return the same rows, with squared residuals of the weighted rows multiplied by `weight`."""
         if self.weighted_rows is None or self.weighted_rows.weight == weight:
             return self
-        return self._rebuild(self.columns, replace(self.weighted_rows, weight=weight), self.separate_rows)
+        return self.from_groups(self.columns, self.weighted_rows.change_weight(weight), self.counts, self.separate_rows)
 
     @property
     def group_rows(self) -> RowGroup | WeightedRows | None:
@@ -124,11 +126,24 @@ class EquationFactors:
             separate_rows = replace(separate_rows, fixed=self.weighted_rows.row_group)
         return EquationFactors(self.columns, self.factors, self.counts, separate_rows)
 
-    def _rebuild(
-        self, columns: IndexArray, weighted_rows: WeightedRows, separate_rows: SeparateRows | None
+    @classmethod
+    def from_groups(
+        cls, columns: IndexArray, weighted_rows: WeightedRows, counts: IndexArray, separate_rows: SeparateRows | None
     ) -> EquationFactors:
-        """Build the equation from its weighted rows and the others, with these numbers of columns."""
-        return EquationFactors(columns, weighted_rows.weighted_factors, self.counts, separate_rows, weighted_rows)
+        """Build an equation from its weighted rows and the others; the factors of its blocks when they are needed.
+
+        Parameters
+        ----------
+        columns : (p,)
+            Numbers of the parameters that the equation contains.
+        weighted_rows : WeightedRows
+            Rows with a weight of their own, and the others.
+        counts : (s,)
+            Number of all rows of every block.
+        separate_rows : SeparateRows or None
+            Rows that are counted by themselves.
+        """
+        return cls(columns, defer(lambda: weighted_rows.weighted_factors), counts, separate_rows, weighted_rows)
 
     def combine_columns(self, weights: FloatArray) -> EquationFactors:
         """Return the same rows with combined columns; `weights` (c, c') lead from all columns to the new ones."""
@@ -141,7 +156,8 @@ class EquationFactors:
         whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
         separate_rows = None if self.separate_rows is None else self.separate_rows.combine_columns(whole)
         if self.weighted_rows is not None:
-            return self._rebuild(chosen.astype(np.intp), self.weighted_rows.combine_columns(whole), separate_rows)
+            weighted_rows = self.weighted_rows.combine_columns(whole)
+            return self.from_groups(chosen.astype(np.intp), weighted_rows, self.counts, separate_rows)
         factors = compute_r_factor(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
         return EquationFactors(chosen.astype(np.intp), pad_to_square(factors), self.counts, separate_rows)
 
@@ -224,6 +240,11 @@ class Reduction:
         counts = np.array([float(equation.counts.sum()) for equation in self.equations])
         counts.setflags(write=False)
         return counts
+
+    @cached_property
+    def measured_sizes(self) -> FloatArray:
+        """Norm of Y of every equation (n,), its rows as they are weighted."""
+        return np.array([float(np.linalg.norm(equation.whole_factor[:, -1])) for equation in self.equations])
 
     def select_columns(self, columns: Sequence[int] | IndexArray) -> Reduction:
         """Return the same data with only these columns, in this order."""
@@ -320,6 +341,8 @@ def concatenate_reductions(parts: Sequence[Reduction]) -> Reduction:
         The blocks of the first data set, then those of the second, and so on.
     """
     first = parts[0]
+    if len(parts) == 1:
+        return first
     equations = tuple(
         _concatenate_equations([part.equations[j] for part in parts]) for j in range(len(first.equations))
     )
@@ -368,9 +391,7 @@ def merge_row_groups(split: Reduction) -> Reduction:
         weighted_rows = WeightedRows(group.rows, group.counts, others)
         separate_rows = None if plain.separate_rows is None else replace(plain.separate_rows, counted=counted_rows)
         counts = plain.counts + own.counts + counted.counts
-        equations.append(
-            EquationFactors(plain.columns, weighted_rows.weighted_factors, counts, separate_rows, weighted_rows)
-        )
+        equations.append(EquationFactors.from_groups(plain.columns, weighted_rows, counts, separate_rows))
     return replace(split, equations=tuple(equations))
 
 
@@ -399,7 +420,8 @@ class FactorAccumulator:
         self._spans: list[tuple[float, float]] = []
         self._pending: list[list[FloatArray]] = [[] for _ in self._columns]
         self._pending_rows = 0
-        self._open: list[FloatArray | None] = [None for _ in self._columns]
+        self._empty = [np.zeros((0, len(item) + 1)) for item in self._columns]
+        self._open = list(self._empty)
         self._count = np.zeros(len(self._columns), dtype=np.intp)
         self._is_open = False
         self._from = 0.0
@@ -424,10 +446,12 @@ class FactorAccumulator:
             # Blocks are cut by time, not by number of rows, so that they last alike in recordings of any sampling rate.
             last = first + int(np.searchsorted(t[first:], self._from + self._block_length))
             if last > first:
-                for k, (pending, block) in enumerate(zip(self._pending, rows, strict=True)):
-                    part = block[first:last] if used is None else block[first:last][used[first:last, k]]
-                    pending.append(part)
-                    self._count[k] += len(part)
+                is_used = None if used is None else used[first:last]
+                counts = np.full(len(rows), last - first) if is_used is None else np.count_nonzero(is_used, axis=0)
+                for k in np.flatnonzero(counts).tolist():
+                    part = rows[k][first:last]
+                    self._pending[k].append(part if is_used is None else part[is_used[:, k]])
+                self._count += counts
                 self._pending_rows += last - first
                 self._to = float(t[last - 1])
                 if self._pending_rows >= self._PENDING:
@@ -443,11 +467,10 @@ class FactorAccumulator:
         # Pending rows belong to the block that closes: they have to be folded before the next one begins.
         self._fold()
         for factors, factor in zip(self._factors, self._open, strict=True):
-            assert factor is not None
-            factors.append(pad_to_square(factor))
+            factors.append(factor)
         self._counts.append(self._count.copy())
         self._spans.append((self._from, self._to))
-        self._open = [None for _ in self._columns]
+        self._open = list(self._empty)
         self._count[:] = 0
         self._is_open = False
 
@@ -456,10 +479,9 @@ class FactorAccumulator:
         if self._pending_rows == 0:
             return
         for k, pending in enumerate(self._pending):
-            before = self._open[k]
-            # R of [R_before; new rows] is the R of all rows together, which never have to be in memory at once.
-            stacked = np.concatenate(pending if before is None else [before, *pending])
-            self._open[k] = compute_r_factor(stacked)
+            if pending:
+                # R of [R_before; new rows] is the R of all rows together, which never have to be in memory at once.
+                self._open[k] = compute_r_factor(np.concatenate([self._open[k], *pending]))
         self._pending = [[] for _ in self._columns]
         self._pending_rows = 0
 
@@ -468,11 +490,7 @@ class FactorAccumulator:
         self.end_block()
         counts = np.array(self._counts, dtype=np.intp).reshape(-1, len(self._columns))
         equations = tuple(
-            EquationFactors(
-                columns,
-                np.array(factors) if factors else np.zeros((0, len(columns) + 1, len(columns) + 1)),
-                counts[:, k],
-            )
+            EquationFactors(columns, stack_blocks(factors, len(columns) + 1), counts[:, k])
             for k, (columns, factors) in enumerate(zip(self._columns, self._factors, strict=True))
         )
         return Reduction(self._n_columns, equations, np.array(self._spans).reshape(-1, 2))

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import cast
 
 import numpy as np
 
@@ -61,7 +62,8 @@ def extend_model(model: Model, added: Sequence[EffectChoice], *, tolerance: floa
     Returns
     -------
     Model
-        It shares the compiled observation matrix of the given one.
+        It shares the compiled observation matrix of the given one. Of an extension that was asked for lately, it is at
+        hand, as `get_model` says.
 
     Raises
     ------
@@ -70,10 +72,19 @@ def extend_model(model: Model, added: Sequence[EffectChoice], *, tolerance: floa
     """
     if not added:
         raise DynidentError("choose at least one effect to add", pointer="/effects")
-    new = build_columns(added, model.signals)
+    meant, geometry = _find_meant_effects(added), _read_geometry(model.robot)
+    return _extend_model_once(model.original, tuple(added), meant, tolerance, geometry).with_own_signals()
+
+
+@lru_cache(maxsize=32)
+def _extend_model_once(
+    model: Model, added: tuple[EffectChoice, ...], _meant: tuple[Effect, ...], tolerance: float, _geometry: bytes
+) -> Model:
+    signals = model.signals.copy()
+    new = build_columns(added, signals)
     columns = (*model.columns, *new)
     check_columns(columns)
-    whole = model.observation.extend(new, model.signals)
+    whole = model.observation.extend(new, signals)
     n_states = _STATES_PER_COLUMN * whole.n_columns // model.robot.n + 20
     names = tuple(column.name for column in whole.columns)
     # At other states a column that is nearly dependent may pass for a dependent one: those of the model stay.
@@ -82,11 +93,9 @@ def extend_model(model: Model, added: Sequence[EffectChoice], *, tolerance: floa
     observation = whole
     # The first extension has dependent columns among the new ones: another one without them is needed.
     if len(fresh) < len(new):
-        observation = model.observation.extend([new[k] for k in fresh], model.signals)
+        observation = model.observation.extend([new[k] for k in fresh], signals)
     effects = (*model.effects, *added)
-    return Model(
-        model.robot, effects, model.signals, columns, _extend_base_parameters(model, selection, names), observation
-    )
+    return Model(model.robot, effects, signals, columns, _extend_base_parameters(model, selection, names), observation)
 
 
 def _extend_base_parameters(model: Model, selection: BaseParameters, names: tuple[str, ...]) -> BaseParameters:
@@ -146,9 +155,24 @@ class Model:
         """Columns of the base parameters."""
         return self.observation.columns
 
-    @cached_property
+    @property
+    def original(self) -> Model:
+        """The model that this one is a copy of, with signals that nobody adds to."""
+        return cast("Model", self.__dict__.get("_original", self))
+
+    def with_own_signals(self) -> Model:
+        """Return a copy that shares everything but the hysteresis states and runs that are added to its signals."""
+        own = copy.copy(self)
+        own.__dict__.update(signals=self.signals.copy(), _original=self)
+        return own
+
+    @property
     def at_rest(self) -> Observation:
         """The friction of the kept columns where each joint is about to move, in either direction: (2 n, b)."""
+        return self.original._observation_at_rest
+
+    @cached_property
+    def _observation_at_rest(self) -> Observation:
         return build_rest_observation(self.robot, self.kept, self.signals)
 
     @property
@@ -351,27 +375,27 @@ def get_model(robot: Robot, effects: Sequence[EffectChoice], *, tolerance: float
     DynidentError
         As `build_model` does.
     """
-    # An effect of the user's own may have been registered anew.
-    meant = tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(effects))
+    meant = _find_meant_effects(effects)
     # A robot is known by its identity, and what is written into its arrays makes another one of it.
     geometry = _read_geometry(robot)
     known = _build_model_once(robot, tuple(effects), meant, tolerance, geometry)
     if known.signals.n_built > _MOST_CHOICES:
         _build_model_once.cache_clear()
+        _extend_model_once.cache_clear()
         known = _build_model_once(robot, tuple(effects), meant, tolerance, geometry)
-    own = copy.copy(known)
-    object.__setattr__(own, "signals", known.signals.copy())
-    return own
+    return known.with_own_signals()
 
 
 @lru_cache(maxsize=16)
 def _build_model_once(
     robot: Robot, effects: tuple[EffectChoice, ...], _meant: tuple[Effect, ...], tolerance: float, _geometry: bytes
 ) -> Model:
-    model = build_model(robot, effects, tolerance=tolerance)
-    # Every identification asks for it: computed here, the copies have it.
-    _ = model.at_rest
-    return model
+    return build_model(robot, effects, tolerance=tolerance)
+
+
+def _find_meant_effects(choices: Sequence[EffectChoice]) -> tuple[Effect, ...]:
+    """Return the effects themselves: one of the user's own may have been registered anew under its name."""
+    return tuple(get_effect(choice.effect, f"/effects/{k}") for k, choice in enumerate(choices))
 
 
 def _read_geometry(robot: Robot) -> bytes:

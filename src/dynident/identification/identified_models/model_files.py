@@ -380,7 +380,7 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
         arrays[f"{name}_{j}_columns"] = equation.columns
         # Only the rows apart from the reversals are stored; with the rows at reversals they give the whole factor
         # again.
-        size = equation.factors.shape[-1]
+        size = len(equation.columns) + 1
         weighted = equation.weighted_rows
         factors = equation.factors if weighted is None else weighted.others
         arrays[f"{name}_{j}_factors"] = factors[:, *np.triu_indices(size)]
@@ -439,7 +439,7 @@ def _read_equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
         return EquationFactors(columns, factors, counts, separate_rows)
     rows, own = arrays[f"{name}_turned_rows"], arrays[f"{name}_turned_counts"]
     weighted = WeightedRows(rows, own, factors, float(arrays[f"{name}_turned_weight"]))
-    return EquationFactors(columns, weighted.weighted_factors, counts, separate_rows, weighted)
+    return EquationFactors.from_groups(columns, weighted, counts, separate_rows)
 
 
 def _unpack_triangles(packed: FloatArray, size: int) -> FloatArray:
