@@ -37,7 +37,7 @@ from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, Design, design_experiment
-from dynident.excitation.criteria.prediction_region import Region, draw_region
+from dynident.excitation.criteria.prediction_region import Region, count_harmonics, draw_region
 from dynident.excitation.design_result import follows_design
 from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification, extend, identify
@@ -220,9 +220,12 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
             pointer="/minutes",
         )
     if design.time_budget is None and design.starts is None:
-        request = replace(request, design=replace(design, time_budget=DESIGN_SECONDS))
-    first = Decision("next_run", describe_first_run(request.goal))
-    return CampaignState(robot, request, region or draw_region(robot, design.limits, request.speed), decision=first)
+        design = replace(design, time_budget=DESIGN_SECONDS)
+    region = region or draw_region(robot, design.limits, request.speed)
+    harmonics = count_harmonics(region, robot, design.limits, design.trajectory.duration)
+    trajectory = replace(design.trajectory, harmonics=max(design.trajectory.harmonics, harmonics))
+    request = replace(request, design=replace(design, trajectory=trajectory))
+    return CampaignState(robot, request, region, decision=Decision("next_run", describe_first_run(request.goal)))
 
 
 def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> PlannedRun:
@@ -261,12 +264,7 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
     noise = dict(zip(state.robot.joint_names, map(float, np.maximum(identification.noise, smallest)), strict=True))
     design = design_experiment(
         state.robot,
-        replace(
-            design_request,
-            effects=effects,
-            noise=noise,
-            criterion=_choose_criterion(state),
-        ),
+        replace(design_request, effects=effects, noise=noise, criterion=_choose_criterion(state)),
         progress,
         earlier=state.recordings,
         identified=identification.estimate,

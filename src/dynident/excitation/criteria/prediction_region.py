@@ -5,6 +5,7 @@ Holds how many states stand for a region, and the smallest torque that errors ar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,8 @@ from dynident.robot.robot_model import Robot
 N_STATES = 400
 """States that stand for a region; the mean of rows over twice as many differs by a few per cent."""
 _SMALLEST_SQUARE = 1e-6
+# Each harmonic is two unknowns a joint in the search for a motion.
+_MOST_HARMONICS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +73,37 @@ def draw_region(robot: Robot, limits: Mapping[str, Limits], speed: float = REGIO
         speed * bounds.velocity * rng.uniform(-1.0, 1.0, size),
         speed * bounds.acceleration * rng.uniform(-1.0, 1.0, size),
     )
+
+
+def count_harmonics(region: Region, robot: Robot, limits: Mapping[str, Limits], period: float) -> int:
+    """Return how many harmonics a motion needs so that every joint can reach the speeds of a region.
+
+    The highest harmonic over the whole stroke of a joint has to be as fast as the fastest state of the region. With
+    fewer, a joint of short stroke (a quill, a gripper) moves slowly, and its friction at the speeds of the region is
+    extrapolated.
+
+    Parameters
+    ----------
+    region : Region
+        The states.
+    robot : Robot
+        The robot.
+    limits : mapping of str to Limits
+        Tighter limits of the experiment by joint name.
+    period : float
+        Period of the motion, s.
+
+    Returns
+    -------
+    int
+        Number of harmonics, at most 20.
+    """
+    bounds = build_bounds(robot, limits)
+    amplitudes = (bounds.position_high - bounds.position_low) / 2
+    # Over a short stroke a sine reaches the limit of the acceleration before that speed.
+    speeds = np.minimum(np.abs(region.dq).max(axis=0), np.sqrt(bounds.acceleration * amplitudes))
+    frequencies = np.divide(speeds, amplitudes, out=np.zeros(robot.n), where=amplitudes > 0)
+    return min(math.ceil(float(frequencies.max(initial=0.0)) * period / (2 * math.pi)), _MOST_HARMONICS)
 
 
 def collect_region(recordings: Sequence[Recording]) -> Region:
