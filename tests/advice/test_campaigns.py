@@ -35,7 +35,7 @@ from dynident.estimation.parameter_covariance import compute_sandwich_covariance
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values
-from dynident.excitation.criteria.prediction_region import Region, collect_region, draw_region
+from dynident.excitation.criteria.prediction_region import Region, collect_region, count_harmonics, draw_region
 from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.design_result import expect_recording, follows_design
 from dynident.excitation.expected_torque import ExpectedTorque
@@ -162,7 +162,9 @@ def test_a_promise_counts_the_whole_motion_but_what_filters_take_from_its_ends()
         },
     )
     waited = predict_errors(state.identification, rows, longer, last)
-    assert (waited < promised).all()
+    assert waited.sum() < promised.sum()
+    # The quantiles of the errors are those of a thousand draws.
+    assert (waited < 1.05 * promised).all()
     assert (waited > 0.5 * promised).all()
 
 
@@ -252,7 +254,7 @@ def test_decisions_say_what_is_in_the_way():
     hopeless = decided(parameters=0.03, lacking=0.0, request=replace(REQUEST, error=1e-6, minutes=0.7))
     assert (hopeless.code, "Give more minutes or runs" in hopeless.sentence) == ("not_reachable", True)
     # Time for thousands of runs is worth nothing where the number of runs is limited.
-    long, few = (replace(REQUEST, error=0.01, minutes=1000.0, runs=runs) for runs in (10_000, 3))
+    long, few = (replace(REQUEST, error=0.002, minutes=1000.0, runs=runs) for runs in (10_000, 3))
     codes = [decided(parameters=0.03, lacking=0.0, request=request).code for request in (long, few)]
     assert codes == ["next_run", "not_reachable"]
     broken = decided(parameters=0.5, lacking=0.0, promised=0.01)
@@ -356,6 +358,21 @@ def test_states_and_the_slow_motion_keep_to_the_limits_of_the_campaign():
     assert np.abs(state.region.q[:, 1]).max() <= 0.1
     design = plan_run(state).design
     assert np.abs(design.dq[:, 1]).max() <= 0.15 + 1e-9
+
+
+def test_a_joint_of_short_stroke_moves_as_fast_as_its_torque_is_to_be_predicted():
+    _, state, following = first_run()
+    quill = ARM.joint_names.index("quill")
+    assert np.abs(following.design.dq[:, quill]).max() > 0.8 * np.abs(state.region.dq[:, quill]).max()
+    # Joints of long stroke do so with the harmonics that were asked for, and more stay as they are.
+    turning = start_campaign(dy.load_robot("ur5"), REQUEST)
+    assert turning.request.design.trajectory.harmonics == DESIGN.trajectory.harmonics
+    many = replace(DESIGN, trajectory=replace(DESIGN.trajectory, harmonics=12))
+    assert start_campaign(ARM, replace(REQUEST, design=many)).request.design.trajectory.harmonics == 12
+    # Over a tiny stroke the acceleration bounds the speed, and the unknowns of the search are bounded.
+    tiny = {"quill": dy.Limits(position=(-1e-4, 1e-4), acceleration=1.0)}
+    assert 5 < count_harmonics(state.region, ARM, tiny, 0.5) < 20
+    assert count_harmonics(state.region, ARM, tiny, 60.0) == 20
 
 
 def test_a_joint_that_the_region_never_loads_is_judged_by_its_noise():
