@@ -286,7 +286,10 @@ def predict_errors(
     statistics, solution = identification.statistics, identification.estimate.solution
     planned = expect_recording(design, last)
     inputs = RegressorInputs((planned,), identification.preprocessing, identification.estimate.reference)
-    reduction = reduce_recordings(identification.model.observation, inputs)
+    # Rows at reversals count less, as they do in the identification.
+    equations = identification.data.training.equations
+    weights = np.array([1.0 if e.weighted_rows is None else e.weighted_rows.weight for e in equations])
+    reduction = reduce_recordings(identification.model.observation, inputs, by_phase=True).weight_groups(weights)
     inflation = _pool_inflation(identification)
     size = (reduction.n_columns, reduction.n_columns)
     gained, spread = np.zeros(size), np.zeros(size)
