@@ -74,6 +74,24 @@ def test_a_move_is_slowed_down_until_the_torque_limits_hold(scara):
     assert move.duration > 2 * plan_move(start, end, free, 1000.0).duration
 
 
+def test_a_short_move_keeps_the_limit_where_its_design_is_verified(scara):
+    model, free = build_design_model(scara, [EffectChoice("viscous")]), build_bounds(scara, {})
+    start, end = np.array([-1.0, -1.0, -0.1, 0.0]), np.array([-0.9, -0.9, -0.1, 0.5])
+
+    def find_largest(move, n_samples):
+        motion = move.evaluate(np.linspace(0.0, move.duration, n_samples))
+        return float(np.abs(model.torque(motion.q, motion.dq, motion.ddq))[:, 3].max())
+
+    move = plan_move(start, end, free, 100.0)
+    # Ten times a sampling period, as designs are verified: other times than those of 400 even samples.
+    n_verified = int(np.ceil(1000.0 * move.duration)) + 1
+    limit = find_largest(move, 400) * (1 + 2e-6)
+    assert n_verified < 400
+    assert limit < find_largest(move, n_verified)
+    slower = move_within_torque(start, end, build_bounds(scara, {"tool_roll": Limits(effort=limit)}), model, 100.0)
+    assert find_largest(slower, int(np.ceil(1000.0 * slower.duration)) + 1) <= limit
+
+
 def test_a_way_on_which_the_arm_cannot_be_held_is_refused_by_the_joint_that_is_too_weak(ur10):
     model = build_design_model(ur10, [EffectChoice("viscous")])
     bounds = build_bounds(ur10, {"shoulder_lift_joint": Limits(effort=30.0)})

@@ -164,10 +164,11 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     for attempt in range(_ATTEMPTS):
         move = plan_move(start, end, bounds, rate, slowness=_SLOWER**-attempt)
         check_length([move], rate)
-        # At least as fine as the grid on which the design is verified in the end, so that a move which passes here
-        # passes there.
-        checks = max(_CHECKS, int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration)) + 1)
-        motion = move.evaluate(np.linspace(0.0, move.duration, checks))
+        # The times at which the design is verified in the end, and of a short move times between them: so a move that
+        # passes here passes there.
+        steps = int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration))
+        steps *= int(np.ceil(_CHECKS / max(steps, 1)))
+        motion = move.evaluate(np.linspace(0.0, move.duration, steps + 1))
         slow_enough = bounds.are_follower_rates_kept(motion.q, motion.dq, motion.ddq)
         if slow_enough and _is_within_torque(motion, bounds, model):
             return move

@@ -21,6 +21,7 @@ from dynident.excitation.design_observation_matrix import DesignModel
 from dynident.excitation.design_request import DesignRequest
 from dynident.excitation.design_result import Run
 from dynident.excitation.equation_type_rows import DYNAMIC_ROWS, RowModel
+from dynident.motion.collision_free_paths import PieceChain
 from dynident.motion.joint_trajectories import Motion, Piece, check_length, sample_pieces
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.limits.limit_margins import Margin, compute_margins
@@ -274,9 +275,11 @@ class DesignedExperiment:
 
 def _sample_finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:
     """Yield pieces on grids of at least `rate`, ends included, in chunks."""
-    for number, piece in enumerate(pieces):
+    # The moves of a chain one by one: at the times at which each was planned.
+    single = [part for piece in pieces for part in (piece.pieces if isinstance(piece, PieceChain) else (piece,))]
+    for number, piece in enumerate(single):
         t = np.linspace(0.0, piece.duration, int(np.ceil(piece.duration * rate)) + 1)
         # Chunks bound the memory: a long experiment on the fine grid has millions of samples.
         for first in range(0, len(t), _CHUNK):
-            progress(number / len(pieces), "verifying")
+            progress(number / len(single), "verifying")
             yield piece.evaluate(t[first : first + _CHUNK])
