@@ -16,6 +16,7 @@ from dynident.recordings.file_source import RawSample
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision, Status
+from dynident.recordings.units import format_time
 
 SATURATED = 5e-3
 """Torque counts as saturated where it stays within this share of its range at its extreme."""
@@ -148,7 +149,8 @@ def _check_saturation(
                 "saturation",
                 status,
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
-                f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {t[first]:.6g} s): {why}",
+                f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {format_time(t[first])} "
+                f"s): {why}",
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
@@ -446,7 +448,8 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
         DELAY,
         "error" if least > LATE_CERTAIN else "warning",
         f"The torque is {1e3 * abs(low):.3g} to {1e3 * abs(high):.3g} ms {word} against the position "
-        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = {sample.t[first]:.6g} "
+        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = "
+        f"{format_time(sample.t[first])} "
         f's, on). Log both at the same instant, or correct the delay by "torque_delay": {middle:.2g} (in s).',
         layout.tau[0].source,
         int(sample.row[first]),
