@@ -6,6 +6,7 @@ import gzip
 import json
 import pickle
 import pkgutil
+import re
 import subprocess
 import sys
 import threading
@@ -22,11 +23,13 @@ from scipy.io import savemat
 from support.exported_tables import EXPORTED_TABLES, FILES_OF_RUNS, split_runs
 from support.floating_robots import WALKER, draw_motion, stand_on_shin, write_log
 from support.logger_layouts import cells, counted, table, written
+from support.oracles import crooked_urdf
 from test_layouts_of_loggers import CASES, check_signals, machine, read_as_proposed, recorded
 
 import dynident.recordings
 from dynident.api.recording_files import read_recordings
 from dynident.errors import DynidentError
+from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.file_inspection import inspect_file, read_sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
@@ -654,7 +657,8 @@ def test_names_of_a_plc_keep_their_quotes(tmp_path):
 
 def propose_of(folder: Path, t: np.ndarray, q: np.ndarray, tau: np.ndarray, name: str = "t"):
     header = [name, *counted("q{}", q.shape[1], 1), *counted("tau{}", q.shape[1], 1)]
-    path = written(folder / "run.csv", table(header, cells(np.column_stack([t, q, tau]))))
+    times = t if isinstance(t, list) else cells(t[:, None])[0]
+    path = written(folder / "run.csv", table(header, [times, *cells(np.column_stack([q, tau]))]))
     return path, inspect_file(path, machine("ur10")).proposal
 
 
@@ -705,3 +709,51 @@ def test_of_exchanged_columns_no_unit_is_asked(tmp_path):
     run = recorded(*CASES[0])
     _, proposal = propose_of(tmp_path, run.t, run.q[:, ::-1], run.tau[:, ::-1])
     assert {question.check for question in proposal.questions} == {"joint_order"}
+
+
+@pytest.mark.parametrize("names", [("{}_pos", "{}_torque"), ("{}_Winkel", "{}_Moment"), ("q_{}", "tau_{}")])
+def test_joints_that_the_description_calls_otherwise_are_those_of_the_file_in_its_order(tmp_path, names):
+    run = recorded(*CASES[2])
+    joints = ("base", "shoulder", "elbow", "w1", "w2", "hand")
+    header = ["t", *(name.format(joint) for name in names for joint in joints)]
+    for order, is_known in ((range(6), True), ([3, 0, 5, 1, 4, 2], False)):
+        values = np.column_stack([run.t, run.q[:, order], run.tau[:, order]])
+        proposal = propose(read_sample(written(tmp_path / "run.csv", table(header, cells(values)))), machine("crooked"))
+        assert (not proposal.questions) == is_known
+    # Torques of other joints than the positions are none of the robot's.
+    header[7:] = [names[1].format(joint) for joint in ("thumb", "index", "middle", "ring", "little", "palm")]
+    values = np.column_stack([run.t, run.q, run.tau])
+    proposal = propose(read_sample(written(tmp_path / "run.csv", table(header, cells(values)))), machine("crooked"))
+    assert proposal.questions
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1e3), ("cm", 1e2), ("inches", 1 / 0.0254)])
+def test_lengths_of_a_description_in_another_unit_are_named(tmp_path, unit, per_metre):
+    run = recorded(*CASES[2])
+    path, _ = propose_of(tmp_path, run.t, run.q, run.tau)
+    text = re.sub(
+        r'<origin xyz="([^"]*)"',
+        lambda match: f'<origin xyz="{" ".join(f"{per_metre * float(word):.9g}" for word in match[1].split())}"',
+        crooked_urdf(),
+    )
+    (question,) = inspect_file(path, robot_from_urdf("arm", text)).proposal.questions
+    assert question.field == "robot"
+    assert f"in {unit} {of_units.compute_reach(machine('crooked')):.2g} m" in question.detail
+
+
+def test_checks_name_seconds_also_of_times_since_1970(tmp_path):
+    run = recorded(*CASES[0])
+    start, tau = 1.7e9, run.tau.copy()
+    limit = 0.7 * np.abs(tau[:, 1]).max()
+    tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+    tau[5::97, 3] = 1e6
+    q = run.q.copy()
+    q[1500:, 4] += 0.8
+    path, _ = propose_of(tmp_path, [f"{start + t:.4f}" for t in run.t], q, tau)
+    accept = ("saturation", "position_jump", "joint_zero", "torque_scale", "gravity_direction", "joint_order")
+    accept += ("torque_order", "torque_sign", "torque_delay", "quantisation", "commanded_torque", "position_limits")
+    metadata = RecordingMetadata(accept=accept)
+    (item,) = read_recordings(path, robot=machine("ur10"), metadata=metadata)
+    sentences = [check.detail for check in item.checks if check.status != "ok"]
+    assert any("t = 1700000007.500 s" in sentence for sentence in sentences)
+    assert not [sentence for sentence in sentences if re.search(r"1\.7e\+09|1\.70000e", sentence)]

@@ -63,6 +63,7 @@ from dynident.identification.column_inference.unnamed_columns import (
     describe_unknown_groups,
     find_forces,
     find_plainest_group,
+    group_other_names,
     group_unnamed_columns,
     hold_same_values,
 )
@@ -159,6 +160,7 @@ class _ColumnInference(WorkingProposal):
         # The groups were numbered without the time column; number them as the file does.
         groups = [group.renumber(places) for group in local]
         unnamed = [places[index] for index in rest]
+        groups += group_other_names(self, groups, unnamed, self._measure_unexplained)
         groups += group_unnamed_columns(self, groups, unnamed, self.alive, self._measure_unexplained)
         position = self._choose_position(groups)
         effort, kind = self._choose_effort(groups, position)

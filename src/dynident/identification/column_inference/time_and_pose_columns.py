@@ -302,6 +302,8 @@ def guess_efforts_at_poses(
 
 _LARGEST_ROBOT = 50.0
 """m."""
+_LENGTHS = (("mm", 1e-3), ("cm", 1e-2), ("inches", 0.0254))
+"""Units in which lengths of descriptions are written, and their m."""
 _SHORTEST = 1.0
 """s: below it nothing is told by the dynamics."""
 _ALL_ROWS = 1 << 14
@@ -321,9 +323,10 @@ def ask_about_file(work: WorkingProposal) -> bool:
         )
         work.add_question("columns", detail)
     elif reach > _LARGEST_ROBOT:
+        fitting = [f"in {unit} {reach * size:.2g} m" for unit, size in _LENGTHS if reach * size < _LARGEST_ROBOT / 5.0]
         detail = (
-            f"By its description the robot would reach {reach:.0f} m: lengths are in m, and these are probably mm. "
-            "Divide the lengths in the description by 1000."
+            f"By its description the robot would reach {reach:.0f} m: lengths are in m, and these are in another unit. "
+            f"It would reach {' or '.join(fitting)}. Write the lengths in the description in m."
         )
         work.add_question("robot", detail)
     return bool(work.questions)
