@@ -95,8 +95,12 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     if choice is None:
         backward = [names[column] for column in find_clock_columns(values[::-1]) if is_time_name(names[column])]
         if backward:
-            order = f"{backward[0]} runs backward: the rows are in reverse order. Write the earliest row first."
-            work.add_question("columns/t", order)
+            remedy = Remedy("rate")
+            order = (
+                f"{backward[0]} runs backward: the rows are in reverse order, or it counts down. Write the earliest row "
+                f"first; of a time that counts down, state the rate of the rows instead: {remedy}."
+            )
+            work.questions.append(Question("columns/t", order, remedies=(remedy,)))
             return None
         unsorted = [index for index, name in enumerate(work.column_names) if name.signal == "t"]
         if unsorted and (order := _describe_disorder(names[unsorted[0]], values[:, unsorted[0]])):
