@@ -97,8 +97,8 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         if backward:
             remedy = Remedy("rate")
             order = (
-                f"{backward[0]} runs backward: the rows are in reverse order, or it counts down. Write the earliest row "
-                f"first; of a time that counts down, state the rate of the rows instead: {remedy}."
+                f"{backward[0]} runs backward: the rows are in reverse order, or it counts down. Write the earliest "
+                f"row first; of a time that counts down, state the rate of the rows instead: {remedy}."
             )
             work.questions.append(Question("columns/t", order, remedies=(remedy,)))
             return None
