@@ -498,37 +498,3 @@ def _is_never_negative(column: Column) -> bool:
 
 def _get_payload_parameter(column: Column) -> int:
     return [f"{name}p" for name in INERTIAL_NAMES].index(column.parameter)
-
-
-_OTHER_MASSES, _ALIKE = 1.75, 0.8
-"""Ratio of the first moments to those of the description from which on they are told: 0.7 to 1.66 on open recordings
-without a load; and the cosine between both above which one factor describes the difference."""
-
-
-def describe_other_masses(model: Model, values: FloatArray, known: BoolArray) -> tuple[str, ...]:
-    """Say by how much the links that the data ask for are heavier or lighter than those of the description.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    values : (b,)
-        Its base parameters.
-    known : (b,)
-        The first moments among them that the data determine.
-    """
-    described = model.describe_base_parameters()
-    if described is None or described.shape != values.shape:
-        return ()
-    ours, theirs = values[known], described[known]
-    size = float(np.linalg.norm(ours) * np.linalg.norm(theirs))
-    if not size or float(ours @ theirs) < _ALIKE * size:
-        return ()
-    times = float(ours @ theirs / (theirs @ theirs))
-    if 1.0 / _OTHER_MASSES < times < _OTHER_MASSES:
-        return ()
-    return (
-        f"The data ask for links {times:.2g} times as heavy as those of the description (by their first moments). "
-        "Identification does not use its masses. If they should be right, this is the description of another robot or "
-        "size, the robot carried a load that it does not contain, or the drive gains are others.",
-    )

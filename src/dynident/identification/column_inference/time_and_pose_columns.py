@@ -356,7 +356,7 @@ _OTHER_TIME, _SAME_GRAVITY = 5.0, 5.0
 is three times in time; and what the load of gravity agrees to meanwhile."""
 
 
-def ask_about_time(work: WorkingProposal, clock: Clock, q: FloatArray, tau: FloatArray) -> None:
+def ask_about_time(work: WorkingProposal, fits: DynamicsFits, clock: Clock, q: FloatArray, tau: FloatArray) -> None:
     """Ask for the unit of a time that does not state one, where gravity agrees with the description and inertia not.
 
     A fit does not tell it: masses that are free make up for any scale of time.
@@ -365,6 +365,8 @@ def ask_about_time(work: WorkingProposal, clock: Clock, q: FloatArray, tau: Floa
     ----------
     work : WorkingProposal
         Gets the question.
+    fits : DynamicsFits
+        Of the sample.
     clock : Clock
         The time as it was guessed.
     q, tau : (m, n)
@@ -373,7 +375,7 @@ def ask_about_time(work: WorkingProposal, clock: Clock, q: FloatArray, tau: Floa
     name, robot = work.sample.names[clock.column], work.robot
     if work.column_names[clock.column].unit or clock.unit == "s" or robot.inertias is None:
         return
-    motion = work.fits.to_motion(q, tau)
+    motion = fits.to_motion(q, tau)
     if motion is None or len(motion.q) < FEWEST_ROWS:
         return
     states = [signal[:: max(1, len(motion.q) // _STATES)] for signal in (motion.q, motion.dq, motion.ddq)]

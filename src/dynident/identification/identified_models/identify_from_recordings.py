@@ -24,7 +24,7 @@ from dynident.effects import LINKS, EffectChoice, ReferenceParameters, get_effec
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Reduction, estimate_group_weights, solve_weighted
 from dynident.estimation.residual_errors import compute_fitted_errors
-from dynident.identification.description_prior import build_prior, check_known, describe_other_masses
+from dynident.identification.description_prior import build_prior, check_known
 from dynident.identification.equations.filtered_energy_power_wrench import find_constants
 from dynident.identification.equations.model_and_data_checks import (
     check_joint_torques,
@@ -32,6 +32,7 @@ from dynident.identification.equations.model_and_data_checks import (
     check_reduction,
     check_runs,
     check_temperature,
+    describe_other_masses,
 )
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identification_choices import IdentificationChoices
