@@ -436,3 +436,15 @@ def test_a_run_in_which_a_joint_rests_makes_what_it_tells_of_the_others_surer(id
     before, after = (np.sqrt(np.diag(one.statistics.covariance)) for one in (identified, both))
     assert np.median(after / before) < 0.9
     assert both.held_out.relative_total < 1.02 * identified.held_out.relative_total
+
+
+@pytest.mark.parametrize(("moved", "described"), [("ur5", "ur5"), ("ur5", "ur10"), ("ur10", "ur5")])
+def test_the_description_of_another_robot_is_told_by_its_masses(moved, described):
+    robot, true = arm(described), arm(moved)
+    motion = fourier_motion(true, 16.0, 100.0, 7)
+    tau = pinocchio_torque(true, motion.q, motion.dq, motion.ddq)
+    noise = 0.003 * np.abs(tau).max(axis=0) * np.random.default_rng(7).normal(size=tau.shape)
+    found = identify(robot, [record(robot, motion, tau + noise)])
+    sentences = [warning for warning in found.warnings if "times as heavy" in warning]
+    assert len(sentences) == (moved != described)
+    assert all(("0." in sentence) == (moved == "ur5") for sentence in sentences)

@@ -44,7 +44,10 @@ def test_rows_in_reverse_order_are_told_as_that(tmp_path: Path, seed: int) -> No
     given = log("ur10", seed, duration=8.0)
     columns = {name: values[::-1] for name, values in given.columns().items()}
     (asked,) = guess(given.robot, columns).questions
-    assert asked.detail == "t runs backward: the rows are in reverse order. Write the earliest row first."
+    assert asked.detail.startswith(
+        "t runs backward: the rows are in reverse order, or it counts down. Write the earliest"
+    )
+    assert [remedy.field for remedy in asked.remedies] == ["rate"]
     with pytest.raises(RecordingError, match="the rows are in reverse order"):
         read(given.robot, tmp_path, columns)
 

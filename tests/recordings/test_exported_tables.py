@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import pickle
 import pkgutil
+import re
 import subprocess
 import sys
+import threading
 import time
 import zipfile
 from pathlib import Path
 
 import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from scipy.io import savemat
 from support.exported_tables import EXPORTED_TABLES, FILES_OF_RUNS, split_runs
 from support.floating_robots import WALKER, draw_motion, stand_on_shin, write_log
 from support.logger_layouts import cells, counted, table, written
+from support.oracles import crooked_urdf
 from test_layouts_of_loggers import CASES, check_signals, machine, read_as_proposed, recorded
 
 import dynident.recordings
 from dynident.api.recording_files import read_recordings
 from dynident.errors import DynidentError
+from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.file_inspection import inspect_file, read_sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
@@ -582,3 +590,170 @@ def test_lines_of_properties_below_the_names_are_told(tmp_path):
     source = open_source(written(tmp_path / "waveforms.csv", "\n".join([*rows, ""])), None)
     assert sum(map(len, source.blocks())) == 100
     assert any(remark.startswith("2 lines below the names") for remark in source.remarks)
+
+
+@pytest.mark.parametrize("cell", ["Mar 14", "14. Mrz", "3-Dez", "14-Mar", "3/14/2024", "Jan 02"])
+def test_dates_that_a_spreadsheet_made_of_numbers_are_named(tmp_path, cell):
+    with pytest.raises(RecordingError, match="Cells of q1 are dates") as refused:
+        read_columns(written(tmp_path / "run.csv", f"t,q1,tau1\n{ROWS}9.8,{cell},1.0\n9.9,1.0,1.0\n"))
+    assert repr(cell) in str(refused.value)
+
+
+@pytest.mark.parametrize("cell", ["n.c.", "overflow", "e5", "no data"])
+def test_words_among_numbers_are_shown(tmp_path, cell):
+    path = written(tmp_path / "run.csv", f"t,q1,tau1\n{ROWS}9.8,{cell},1.0\n9.9,1.0,1.0\n")
+    assert np.isnan(read_columns(path)["q1"]).sum() == 1
+    assert [remark for remark in read_sample(path).remarks if repr(cell) in remark]
+
+
+def cut(path: Path) -> Path:
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) * 6 // 10])
+    return path
+
+
+def test_a_file_that_is_cut_short_says_so_and_what_to_do(tmp_path):
+    values = np.random.default_rng(0).normal(size=(400, 3))
+    text = table(["t", "q1", "tau1"], cells(values)).encode()
+    (tmp_path / "run.csv.gz").write_bytes(gzip.compress(text))
+    with zipfile.ZipFile(tmp_path / "run.zip", "w") as archive:
+        archive.writestr("run.csv", text)
+    np.savez(tmp_path / "run.npz", t=values[:, 0], q=values[:, 1:2], tau=values[:, 2:])
+    savemat(tmp_path / "run.mat", {"q": values}, do_compression=True)
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["q"] = values
+    pq.write_table(pa.table({"q1": values[:, 1]}), tmp_path / "run.parquet")
+    for path in tmp_path.iterdir():
+        with pytest.raises(RecordingError, match=r"cut short or damaged.*copy it again"):
+            read_columns(cut(path))
+
+
+def test_the_reader_of_a_file_that_is_refused_has_ended(tmp_path, monkeypatch):
+    # A thread of Arrow that calls Python while the program ends aborts it.
+    ends = []
+
+    class Watched(threading.Event):
+        def wait(self, timeout=None):
+            ends.append(super().wait(timeout))
+
+    monkeypatch.setattr(csv_and_parquet, "Event", Watched)
+    row = ",".join(f"{k / 7:.6f}" for k in range(22))
+    text = ",".join(["t", *counted("x{}", 15)]) + "\n" + f"{row}\n" * 5_000
+    with pytest.raises(RecordingError, match="Expected 16 columns"):
+        read_columns(written(tmp_path / "run.csv", text))
+    assert ends == [True]
+
+
+def test_names_of_a_plc_keep_their_quotes(tmp_path):
+    run = recorded(*CASES[0])
+    rows = ["NodeId,SourceTimestamp,Value"]
+    for t, *signals in zip(run.t, run.q, run.tau, strict=True):
+        for kind, values in zip(("ActPos", "ActTorque"), signals, strict=True):
+            ids = [f'"ns=3;s=""Robot"".""Axis""[{j + 1}].""{kind}"""' for j in range(run.n)]
+            rows += [f"{name},{t:.9g},{value:.9g}" for name, value in zip(ids, values, strict=True)]
+    path = written(tmp_path / "run.csv", "\n".join([*rows, ""]))
+    check_signals(read_as_proposed(path, machine("ur10"), None), run, "plc")
+
+
+def propose_of(folder: Path, t: np.ndarray, q: np.ndarray, tau: np.ndarray, name: str = "t"):
+    header = [name, *counted("q{}", q.shape[1], 1), *counted("tau{}", q.shape[1], 1)]
+    times = t if isinstance(t, list) else cells(t[:, None])[0]
+    path = written(folder / "run.csv", table(header, [times, *cells(np.column_stack([q, tau]))]))
+    return path, inspect_file(path, machine("ur10")).proposal
+
+
+def test_rows_that_come_in_bursts_have_the_rate_of_their_mean(tmp_path):
+    run = recorded(*CASES[0])
+    k = np.arange(len(run.t))
+    received = (k // 8 + 1) * 8 / 200.0 + 4e-4 * (k % 8) + 1e-4 * run.rng.random(len(k))
+    path, proposal = propose_of(tmp_path, received, run.q, run.tau)
+    (question,) = proposal.questions
+    (remedy,) = question.remedies
+    assert (question.check in ("gaps", ""), remedy.field) == (True, "rate")
+    assert abs(remedy.value / 200.0 - 1.0) < 0.002
+    stated = RecordingMetadata(rate=200.0)
+    (item,) = read_recordings(path, robot=machine("ur10"), columns=dict(proposal.columns), metadata=stated)
+    assert np.abs(item._columns()["q_elbow_joint"] - run.q[:, 2]).max() < 1e-6
+
+
+@pytest.mark.parametrize("case", CASES[:2], ids=lambda case: case[0])
+def test_ticks_of_a_clock_are_no_nanoseconds(tmp_path, case):
+    run, robot = recorded(*case), machine(case[0])
+    header = ["TIMESTAMP", *counted("q{}", run.n, 1), *counted("tau{}", run.n, 1)]
+    for per_second, is_right in ((80e6, False), (24e6, False), (1e9, True)):
+        ticks = [f"{round(per_second * t) + 8 * 10**12}" for t in run.t]
+        path = written(tmp_path / "run.csv", table(header, [ticks, *cells(np.column_stack([run.q, run.tau]))]))
+        fields = [question.field for question in propose(read_sample(path), robot).questions]
+        assert fields == ([] if is_right else ["units/t"])
+
+
+def test_torques_without_their_sign_are_named(tmp_path):
+    run = recorded(*CASES[0])
+    _, proposal = propose_of(tmp_path, run.t, run.q, np.abs(run.tau))
+    assert [question.check for question in proposal.questions] == ["lost_sign"]
+    # Of links that are held on one side no torque changes its sign, and none comes to 0.
+    _, proposal = propose_of(tmp_path, run.t, run.q, run.tau - run.tau.min(axis=0) + 0.02 * np.ptp(run.tau, axis=0))
+    assert "lost_sign" not in [question.check for question in proposal.questions]
+
+
+def test_a_torque_that_was_written_twice_is_named(tmp_path):
+    run = recorded(*CASES[0])
+    tau = run.tau.copy()
+    tau[:, 2] = tau[:, 1]
+    _, proposal = propose_of(tmp_path, run.t, run.q, tau)
+    (question,) = proposal.questions
+    assert (question.check, question.remedies[0].value) == ("repeated_torque", {"tau3": "none"})
+
+
+def test_of_exchanged_columns_no_unit_is_asked(tmp_path):
+    run = recorded(*CASES[0])
+    _, proposal = propose_of(tmp_path, run.t, run.q[:, ::-1], run.tau[:, ::-1])
+    assert {question.check for question in proposal.questions} == {"joint_order"}
+
+
+@pytest.mark.parametrize("names", [("{}_pos", "{}_torque"), ("{}_Winkel", "{}_Moment"), ("q_{}", "tau_{}")])
+def test_joints_that_the_description_calls_otherwise_are_those_of_the_file_in_its_order(tmp_path, names):
+    run = recorded(*CASES[2])
+    joints = ("base", "shoulder", "elbow", "w1", "w2", "hand")
+    header = ["t", *(name.format(joint) for name in names for joint in joints)]
+    for order, is_known in ((range(6), True), ([3, 0, 5, 1, 4, 2], False)):
+        values = np.column_stack([run.t, run.q[:, order], run.tau[:, order]])
+        proposal = propose(read_sample(written(tmp_path / "run.csv", table(header, cells(values)))), machine("crooked"))
+        assert (not proposal.questions) == is_known
+    # Torques of other joints than the positions are none of the robot's.
+    header[7:] = [names[1].format(joint) for joint in ("thumb", "index", "middle", "ring", "little", "palm")]
+    values = np.column_stack([run.t, run.q, run.tau])
+    proposal = propose(read_sample(written(tmp_path / "run.csv", table(header, cells(values)))), machine("crooked"))
+    assert proposal.questions
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1e3), ("cm", 1e2), ("inches", 1 / 0.0254)])
+def test_lengths_of_a_description_in_another_unit_are_named(tmp_path, unit, per_metre):
+    run = recorded(*CASES[2])
+    path, _ = propose_of(tmp_path, run.t, run.q, run.tau)
+    text = re.sub(
+        r'<origin xyz="([^"]*)"',
+        lambda match: f'<origin xyz="{" ".join(f"{per_metre * float(word):.9g}" for word in match[1].split())}"',
+        crooked_urdf(),
+    )
+    (question,) = inspect_file(path, robot_from_urdf("arm", text)).proposal.questions
+    assert question.field == "robot"
+    assert f"in {unit} {of_units.compute_reach(machine('crooked')):.2g} m" in question.detail
+
+
+def test_checks_name_seconds_also_of_times_since_1970(tmp_path):
+    run = recorded(*CASES[0])
+    start, tau = 1.7e9, run.tau.copy()
+    limit = 0.7 * np.abs(tau[:, 1]).max()
+    tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+    tau[5::97, 3] = 1e6
+    q = run.q.copy()
+    q[1500:, 4] += 0.8
+    path, _ = propose_of(tmp_path, [f"{start + t:.4f}" for t in run.t], q, tau)
+    accept = ("saturation", "position_jump", "joint_zero", "torque_scale", "gravity_direction", "joint_order")
+    accept += ("torque_order", "torque_sign", "torque_delay", "quantisation", "commanded_torque", "position_limits")
+    metadata = RecordingMetadata(accept=accept)
+    (item,) = read_recordings(path, robot=machine("ur10"), metadata=metadata)
+    sentences = [check.detail for check in item.checks if check.status != "ok"]
+    assert any("t = 1700000007.500 s" in sentence for sentence in sentences)
+    assert not [sentence for sentence in sentences if re.search(r"1\.7e\+09|1\.70000e", sentence)]

@@ -55,7 +55,7 @@ def test_torques_of_registers_are_read_with_their_sign(
 def test_registers_are_left_as_they_are_where_somebody_says_so(tmp_path: Path) -> None:
     given = log()
     raw = unsigned(counted(given, 10)[0], 10, "sign bit")
-    accept = ("torque_scale", "torque_sign", "torque_order", "joint_order", "quantisation", "saturation")
+    accept = ("torque_scale", "torque_sign", "torque_order", "joint_order", "quantisation", "saturation", "lost_sign")
     skip = ("registers", "corrupted_samples", "held_samples")
     found = read(given.robot, tmp_path, given.columns(tau=raw), accept=accept, skip=skip)
     assert not [one for one in found.checks if one.name == "registers"]

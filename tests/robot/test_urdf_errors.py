@@ -35,6 +35,10 @@ BAD = {
         machine(*TWO, link("c"), joint("j", "a", "b"), joint("j", "b", "c")),
         "line 7: The joint name 'j' is used twice .first on line 5.",
     ),
+    "angles in degrees": (
+        one_joint(inside='<origin xyz="0 0 1" rpy="0 0 90"/>'),
+        "line 5: The rpy of joint 'j' seems to be in degrees; a URDF has radians",
+    ),
     "reserved name": (machine(*TWO, joint("universe", "a", "b")), "line 4: A joint cannot be called 'universe'"),
     "no joint": (machine(link("a")), "line 1: The robot has no moving joint"),
     "only fixed joints": (machine(*TWO, joint("j", "a", "b", "fixed")), "The robot has no moving joint"),

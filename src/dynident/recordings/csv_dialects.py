@@ -312,7 +312,9 @@ def _find_delimiter_of_rows(lines: Sequence[str], width: int) -> str | None:
 
 def _split_fields(line: str, delimiter: str) -> list[str]:
     if '"' in line:
-        return [cell.strip().strip('"').strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
+        # Quotes inside a cell are part of it, as in the names of a PLC: "Robot"."Axis".
+        reader = csv.reader([line.strip()], delimiter=delimiter, skipinitialspace=True)
+        return [cell.strip() for cell in next(reader, [""])]
     return [cell.strip() for cell in line.split(delimiter)]
 
 

@@ -46,6 +46,33 @@ MOST_OBJECTS = 100_000
 
 TITLE = "Unreadable file"
 
+_REPAIRS = {
+    "rosbag": "rosbag reindex FILE",
+    "rosbag2": "ros2 bag reindex FOLDER",
+    "mcap": "mcap recover FILE -o OTHER",
+    "HDF5": "h5clear -s FILE",
+}
+"""Commands that close a file whose recorder was stopped."""
+
+
+def make_damaged_error(kind: str, error: BaseException) -> RecordingError:
+    """Return the error for a file that its reader does not understand: most such files are cut short.
+
+    Parameters
+    ----------
+    kind : str
+        The format.
+    error : BaseException
+        What the reader says.
+    """
+    repair = f"; a recorder that was stopped leaves files that `{_REPAIRS[kind]}` closes" if kind in _REPAIRS else ""
+    text = str(error).rstrip(". ")
+    return RecordingError(
+        f"The file cannot be read as {kind}: {text}. Probably it is cut short or damaged: compare its size with that "
+        f"of the original, and copy it again{repair}.",
+        title=TITLE,
+    )
+
 
 def check_columns(number: int) -> None:
     """Refuse a file of more columns than any recording has."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import get_args
 
 from dynident.recordings.recording_metadata import Axis, Check, RecordingError, RecordingMetadata, Revision, Windows
+from dynident.recordings.units import format_time
 
 
 def adapt_cures(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
@@ -126,7 +127,7 @@ def exclude_from_windows(windows: Windows, exclude: Windows, first: float, last:
         remaining = [part for pair in parts for part in pair if part[1] > part[0]]
     if not remaining:
         raise RecordingError(
-            f"exclude removes the whole recording, which runs from {first:.6g} to {last:.6g} s.",
+            f"exclude removes the whole recording, which runs from {format_time(first)} to {format_time(last)} s.",
             pointer="/exclude",
             title="Empty window",
         )

@@ -21,6 +21,7 @@ from dynident.recordings.joint_phases import phase_shares
 from dynident.recordings.recording import JointLimits, Recording
 from dynident.recordings.recording_metadata import Check, Revision, Status
 from dynident.recordings.torque_checks import find_step
+from dynident.recordings.units import format_time
 
 DEGREE = pi / 180.0
 MOVED = {"revolute": 2e-3, "prismatic": 5e-4}
@@ -133,7 +134,8 @@ def _check_jumps(positions: _MeasuredPositions, layout: Layout) -> list[Check]:
         sources = ", ".join(layout.q[joint].source for joint in joints)
         detail = (
             f"{sources} {how} between rows {positions.row[row]} and {positions.row[row + 1]} "
-            f"(t = {positions.t[row + 1]:.6g} s) and stay{'s' * (len(joints) == 1)} there, {why}. Use the seconds on "
+            f"(t = {format_time(positions.t[row + 1])} s) and stay{'s' * (len(joints) == 1)} there, {why}. Use "
+            "the seconds on "
             "one side alone (windows), or give them as two recordings."
         )
         where = int(positions.row[row + 1]), float(positions.t[row + 1])
@@ -198,7 +200,8 @@ def _check_standstill(recording: Recording, positions: _MeasuredPositions, layou
         return Check(
             "standstill",
             "error",
-            f"No joint moves between t = {positions.t[0]:.6g} and {positions.t[-1]:.6g} s (rows {positions.row[0]} to "
+            f"No joint moves between t = {format_time(positions.t[0])} and {format_time(positions.t[-1])} s (rows "
+            f"{positions.row[0]} to "
             f"{positions.row[-1]}). Choose windows that contain the motion.",
             layout.q[0].source,
             int(positions.row[0]),
@@ -229,7 +232,8 @@ def _check_moving_joints(recording: Recording, positions: _MeasuredPositions, la
     status: Status = "ok" if recording.role == "friction" else "warning"
     detail = (
         f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than {MOVED['revolute']:g} "
-        f"from row {positions.row[0]}, t = {positions.t[0]:.6g} s, to row {positions.row[-1]}): this recording alone "
+        f"from row {positions.row[0]}, t = {format_time(positions.t[0])} s, to row {positions.row[-1]}): this "
+        "recording alone "
         "shows neither friction nor inertia of such a joint. Identify together with recordings in which the joint "
         "moves, or lock the joint in the robot's description (locked_joints); a test of single joints has the role "
         '"friction".'
@@ -259,7 +263,8 @@ def _check_position_unit(
             return Check(
                 "position_unit",
                 "error",
-                f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = {where[1]:.6g} "
+                f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = "
+                f"{format_time(where[1])} "
                 "s). In no unit of angles is this the range of a joint: the values look like encoder counts. Say how "
                 f"many counts make a turn, {remedy}, and after an @ the count at zero if it is not 0: "
                 '"counts:4096@2048".',
@@ -292,7 +297,7 @@ def _check_position_unit(
                 "position_unit",
                 "error",
                 f"{column} runs from {low:.4g} to {high:.4g} {ours} at up to {rate:.3g} {ours}/s (farthest in row "
-                f"{where[0]}, t = {where[1]:.6g} s); the values look like {unit}. Say {remedy}.{also}",
+                f"{where[0]}, t = {format_time(where[1])} s); the values look like {unit}. Say {remedy}.{also}",
                 column,
                 *where,
                 None if counts or unclear else Revision(units=same_kind),

@@ -40,6 +40,7 @@ from dynident.recordings.row_storage import ArraySink, ArraySource, ParquetSink,
 from dynident.recordings.sampling_clock import TimeBase, TimeScan, check_time
 from dynident.recordings.time_columns import RestartingSource
 from dynident.recordings.uniform_segments import Segmenter
+from dynident.recordings.units import format_time
 
 
 def mark_empty_torques(layout: Layout, file: FileSource) -> Layout:
@@ -376,7 +377,7 @@ def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Pro
         if end < base.first or start > base.last:
             raise RecordingError(
                 f"Window {index + 1} runs from {start:g} to {end:g} s, but {layout.t.source} runs from "
-                f"{base.first:.6g} to {base.last:.6g} s.",
+                f"{format_time(base.first)} to {format_time(base.last)} s.",
                 pointer=f"/windows/{index}",
                 title="Empty window",
                 time=start,

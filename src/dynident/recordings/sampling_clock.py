@@ -456,15 +456,23 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
     first = base.gaps[0]
     # Long pauses alone do no harm. Too little is left only where the filters' edges take most of what lies between.
     if base.missing > MOST_MISSING and EDGES * base.n_gaps > MOST_AT_EDGES * base.n_rows * base.period:
+        # Where a buffer is read now and then, many rows come at once, and gaps are as regular as the buffer is long.
+        burst = base.n_rows / (base.n_gaps + 1)
+        remedy = Remedy("rate", float(f"{(base.n_rows - burst) / (base.last - base.first):.4g}"))
+        bursts = (
+            f" The rows come {burst:.2g} at a time, as where a receiver's buffer is read: if "
+            f"they were sampled evenly, state their rate, on average {remedy}."
+        )
         return Check(
             "gaps",
             "error",
             f"Gaps take {format_percent(base.missing, 2)} of the time (gaps: {base.n_gaps}); the first is "
             f"{first.length:.4g} s long, after t = {format_time(first.start)} s (row {first.row}). Too few samples are "
-            "left. Record without dropping samples, or choose windows without gaps.",
+            f"left.{bursts} Or record without dropping samples, or choose windows without gaps.",
             column,
             first.row,
             first.start,
+            remedies=(remedy,),
         )
     more = f" and {base.n_gaps - 1} more (the next at {format_time(base.gaps[1].start)} s)" if base.n_gaps > 1 else ""
     return Check(

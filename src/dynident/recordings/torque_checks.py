@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import scipy
 
@@ -14,6 +16,7 @@ from dynident.recordings.file_source import RawSample
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision, Status
+from dynident.recordings.units import format_time
 
 SATURATED = 5e-3
 """Torque counts as saturated where it stays within this share of its range at its extreme."""
@@ -75,7 +78,11 @@ def check_torque(
     """
     # In this order: torque by itself first. A torque that was not recorded, or saturates, would only mislead what comes
     # after.
-    checks = [_check_saturation(recording, sample, layout, limits), _check_constant_torque(recording, sample, layout)]
+    checks = [
+        *_find_impossible_torques(sample, layout),
+        _check_saturation(recording, sample, layout, limits),
+        _check_constant_torque(recording, sample, layout),
+    ]
     if checks[-1].status == "warning":
         # Motors that are off: there is nothing to hold against the motion.
         return checks
@@ -142,7 +149,8 @@ def _check_saturation(
                 "saturation",
                 status,
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
-                f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {t[first]:.6g} s): {why}",
+                f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {format_time(t[first])} "
+                f"s): {why}",
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
@@ -234,6 +242,56 @@ def _is_coarse_peak(tau: FloatArray, start: int, end: int, resolution: float) ->
         int(np.logical_and.accumulate(np.abs(side - tau[start]) <= 1.5 * resolution).sum()) for side in (before, after)
     )
     return near >= WIDER * length
+
+
+def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
+    """Return errors for torques that are those of another joint to the last digit, or that have lost their sign."""
+    tau, q = sample.tau[sample.used], sample.q[sample.used]
+    own = [joint for joint in range(layout.n_base, tau.shape[1]) if np.ptp(tau[:, joint]) > 0.0]
+    names = [column.source for column in layout.tau]
+    twice = next(
+        (
+            (first, other)
+            for first, other in combinations(own, 2)
+            # Fingers that follow one another have both signals alike.
+            if np.array_equal(tau[:, first], tau[:, other]) and not np.array_equal(q[:, first], q[:, other])
+        ),
+        None,
+    )
+    if twice is not None:
+        first, other = twice
+        detail = (
+            f"{names[first]} and {names[other]} have the same numbers in every row, although their joints move "
+            "otherwise: one of them was written twice. Write the torque that was measured; if it was not recorded, say "
+        )
+        remedy = Remedy("columns", {_name_torque(layout, other): NOT_RECORDED})
+        return [Check("repeated_torque", "error", f"{detail}{remedy}.", names[other], remedies=(remedy,))]
+    # A torque that is never below 0 may be of a link that is held on one side, and then comes to 0 by chance alone.
+    is_positive = bool(own) and bool((tau[:, own] >= 0.0).all())
+    unsigned = [joint for joint in own if is_positive and _has_lost_sign(tau[:, joint])]
+    if unsigned:
+        listed = ", ".join(names[joint] for joint in unsigned)
+        detail = (
+            f"No torque is ever below 0, and {listed} turn back there as an absolute value does: the sign was lost. "
+            "Record torques with their sign; a driver may give the direction in a bit or a column of its own."
+        )
+        return [Check("lost_sign", "error", detail, names[unsigned[0]])]
+    return []
+
+
+NEAR_ZERO, AWAY, LEAST_TURNS = 0.01, 0.05, 3
+"""Shares of its largest value that a torque without its sign comes down to, and leaves again, at least so often."""
+
+
+def _has_lost_sign(tau: FloatArray) -> bool:
+    """Tell whether a torque (m,) that is never below 0 often turns back there, as the absolute value of another does.
+
+    One that stays at 0 is cut off, or of a drive that is off.
+    """
+    share = tau / tau.max()
+    states = np.where(share < NEAR_ZERO, 0, np.where(share > AWAY, 1, -1))
+    changes = np.diff(states[states >= 0])
+    return bool(np.count_nonzero(changes < 0) >= LEAST_TURNS and np.mean(share == 0.0) < NEAR_ZERO)
 
 
 def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layout) -> Check:
@@ -390,7 +448,8 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
         DELAY,
         "error" if least > LATE_CERTAIN else "warning",
         f"The torque is {1e3 * abs(low):.3g} to {1e3 * abs(high):.3g} ms {word} against the position "
-        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = {sample.t[first]:.6g} "
+        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = "
+        f"{format_time(sample.t[first])} "
         f's, on). Log both at the same instant, or correct the delay by "torque_delay": {middle:.2g} (in s).',
         layout.tau[0].source,
         int(sample.row[first]),

@@ -229,6 +229,17 @@ class Model:
         """
         return self._solve_inertial_parameters(values)[0]
 
+    def describe_base_parameters(self) -> FloatArray | None:
+        """Return the base parameters (b,) of the links in the robot's description; None where it gives no masses."""
+        described = self.robot.inertias
+        if described is None or not np.any(described[:, 9] > 0.0):
+            return None
+        standard, links = np.zeros(len(self.columns)), described.reshape(-1)
+        for k, column in enumerate(self.columns):
+            if get_role(column) == "link":
+                standard[k] = links[self._standard_index(column)]
+        return np.asarray(self.base.grouping @ standard)
+
     def _solve_inertial_parameters(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return standard inertial parameters (10 N,) and, if all links are in the model, rotors' inertias."""
         none = np.zeros(0)

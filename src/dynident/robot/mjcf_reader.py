@@ -333,7 +333,10 @@ def _find_root_body(compiled: mujoco.MjModel, kind: BaseKind, pointer: str) -> i
     candidates = floating or moving or roots
     if len(candidates) > 1 or len(moving) > 1:
         names = join_names(compiled.body(body).name for body in dict.fromkeys((*candidates, *moving)))
-        raise make_mjcf_error(f"The bodies {names} all hang on the world; a robot has only one base.", None, pointer)
+        reason = (
+            "a robot has only one base: leave out of the file what is no part of it, such as objects that it handles"
+        )
+        raise make_mjcf_error(f"The bodies {names} all hang on the world; {reason}.", None, pointer)
     return candidates[0]
 
 

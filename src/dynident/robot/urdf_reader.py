@@ -16,7 +16,7 @@ from dynident.robot.linkage import link_joints, lock_followers
 from dynident.robot.pinocchio_conversion import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio, release_base
 from dynident.robot.robot_model import Description, Robot, Tie
 from dynident.robot.stated_settings import Settings, build_settings
-from dynident.robot.xml_text import Element, parse_xml, write_xml
+from dynident.robot.xml_text import Element, parse_attribute, parse_xml, write_xml
 
 TITLE = "Unusable URDF"
 MOVING = ("revolute", "continuous", "prismatic")
@@ -26,11 +26,11 @@ _SHORTEST_AXIS = 1e-6
 """Shortest axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
 _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
 
+# What to do with other descriptions, by their root.
 _ADVICE = {
     "sdf": " This is an SDF: give the URDF or xacro that it was made from, or convert it.",
     "COLLADA": " This is a mesh: give the URDF that names it.",
 }
-"""What to do with other descriptions, by their root."""
 
 
 def make_urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
@@ -130,7 +130,7 @@ def _check_upright(joint: Element, pointer: str) -> None:
     owner, origin = f"joint '{joint.attributes['name']}'", joint.find_child("origin")
     if origin is None or "rpy" not in origin.attributes:
         return
-    rpy = _parse_numbers(origin, "rpy", owner, lambda detail, line: make_urdf_error(detail, line, pointer))
+    rpy = parse_attribute(origin, "rpy", owner, lambda detail, line: make_urdf_error(detail, line, pointer))
     if math.cos(rpy[0]) * math.cos(rpy[1]) < UPRIGHT:
         reason = "tilts the root link, but the z axis of a planar base is vertical"
         raise make_urdf_error(f"The <origin> of {owner} {reason}.", origin.line, pointer)
@@ -336,7 +336,7 @@ def _reduce_joint(name: str, joint: Element, fail: _Fail) -> Element:
         return reduced
     axis = joint.find_child("axis")
     if axis is not None:
-        length = math.hypot(*_parse_numbers(axis, "xyz", owner, fail))
+        length = math.hypot(*parse_attribute(axis, "xyz", owner, fail))
         if not _SHORTEST_AXIS < length < 1.0 / _SHORTEST_AXIS:
             detail = f"The axis of {owner} has no direction (xyz has the length {length:.3g}; give a unit vector)."
             raise fail(detail, axis.line)
@@ -364,31 +364,16 @@ def _check_origin(parent: Element, owner: str, fail: _Fail) -> list[Element]:
     origin = parent.find_child("origin")
     if origin is None:
         return []
-    for attribute, count in (("xyz", 3), ("rpy", 3), ("quat_xyzw", 4)):
-        if attribute in origin.attributes:
-            _parse_numbers(origin, attribute, owner, fail, count)
+    # Two turns: nobody writes such radians.
+    for attribute, count, largest in (("xyz", 3, math.inf), ("rpy", 3, 4.0 * math.pi), ("quat_xyzw", 4, math.inf)):
+        values = parse_attribute(origin, attribute, owner, fail, count) if attribute in origin.attributes else (0.0,)
+        if max(map(abs, values)) > largest:
+            raise fail(f"The rpy of {owner} seems to be in degrees; a URDF has radians.", origin.line)
     return [origin]
 
 
 def _parse_number(element: Element, attribute: str, owner: str, fail: _Fail) -> float:
-    return _parse_numbers(element, attribute, owner, fail, 1)[0]
-
-
-def _parse_numbers(element: Element, attribute: str, owner: str, fail: _Fail, count: int = 3) -> tuple[float, ...]:
-    written = element.attributes.get(attribute)
-    expected = "a number" if count == 1 else f"{count} numbers"
-    if written is None:
-        raise fail(f"The <{element.tag}> of {owner} has no {attribute}; expected {expected}.", element.line)
-    try:
-        values = tuple(float(word) for word in written.split())
-    except ValueError:
-        values = ()
-    # Infinite numbers are allowed in limits alone: some files write them where nothing is limited.
-    if len(values) != count or not (all(map(math.isfinite, values)) or element.tag == "limit"):
-        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {expected}.', element.line)
-    if any(map(math.isnan, values)):
-        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner} is not a number.', element.line)
-    return values
+    return parse_attribute(element, attribute, owner, fail, 1)[0]
 
 
 def robot_from_urdf(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
@@ -208,3 +209,23 @@ def _write_attributes(element: Element) -> str:
                 title="Unusable name",
             )
     return "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
+
+
+def parse_attribute(
+    element: Element, attribute: str, owner: str, fail: Callable[[str, int], DynidentError], count: int = 3
+) -> tuple[float, ...]:
+    """Return the numbers of an attribute; `fail` makes the error from a sentence, which names the owner, and a line."""
+    written = element.attributes.get(attribute)
+    expected = "a number" if count == 1 else f"{count} numbers"
+    if written is None:
+        raise fail(f"The <{element.tag}> of {owner} has no {attribute}; expected {expected}.", element.line)
+    try:
+        values = tuple(float(word) for word in written.split())
+    except ValueError:
+        values = ()
+    # Infinite numbers are allowed in limits alone: some files write them where nothing is limited.
+    if len(values) != count or not (all(map(math.isfinite, values)) or element.tag == "limit"):
+        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {expected}.', element.line)
+    if any(map(math.isnan, values)):
+        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner} is not a number.', element.line)
+    return values

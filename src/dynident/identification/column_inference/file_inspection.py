@@ -148,7 +148,9 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
             )
         except RecordingError as error:
             refused = [check for check in error.checks if check.status == "error"]
-            questions = [Question("columns", check.detail, check=check.name) for check in refused]
+            questions = [
+                Question("columns", check.detail, check=check.name, remedies=check.remedies) for check in refused
+            ]
             return replace(proposal, questions=tuple(questions) or (Question("columns", error.detail),))
     return replace(proposal, guesses=(*proposal.guesses, *_list_findings(checks, proposal)))
 

@@ -22,6 +22,7 @@ from dynident.identification.column_inference.column_groups import (
 from dynident.identification.column_inference.column_names import describe_further_joints, describe_waves
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
+    Clock,
     Sample,
     correlate_slopes,
     drop_empty_rows,
@@ -44,6 +45,7 @@ from dynident.identification.column_inference.time_and_pose_columns import (
     are_columns_poses,
     ask_about_file,
     ask_about_length,
+    ask_about_time,
     drop_dependent_questions,
     find_segment_column,
     guess_clock,
@@ -61,6 +63,7 @@ from dynident.identification.column_inference.unnamed_columns import (
     describe_unknown_groups,
     find_forces,
     find_plainest_group,
+    group_other_names,
     group_unnamed_columns,
     hold_same_values,
 )
@@ -107,6 +110,7 @@ class _ColumnInference(WorkingProposal):
     """A proposal in the making: the steps from names and data to columns, units and the kind of effort."""
 
     moving_base: Robot | None = None
+    clock: Clock | None = None
 
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
@@ -126,6 +130,7 @@ class _ColumnInference(WorkingProposal):
         clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
             return self._finish(kind)
+        self.clock = clock
         self.t = sample.values[:, clock.column] * clock.factor
         segment = find_segment_column(self)
         good = np.isfinite(self.t)
@@ -155,6 +160,7 @@ class _ColumnInference(WorkingProposal):
         # The groups were numbered without the time column; number them as the file does.
         groups = [group.renumber(places) for group in local]
         unnamed = [places[index] for index in rest]
+        groups += group_other_names(self, groups, unnamed, self._measure_unexplained)
         groups += group_unnamed_columns(self, groups, unnamed, self.alive, self._measure_unexplained)
         position = self._choose_position(groups)
         effort, kind = self._choose_effort(groups, position)
@@ -426,13 +432,17 @@ class _ColumnInference(WorkingProposal):
         guesses, questions = dynamics_fits.check_against_dynamics(
             self.described_robot, self.fits, q, tau, names, in_si=in_si, silent=self.silent
         )
+        if questions and in_si and self.clock is not None:
+            ask_about_time(self, self.fits, self.clock, q, tau)
         # Only if much is unexplained: otherwise the guess about the dynamics is among the others.
         first = [g for g in guesses[:1] if g.confidence < of_units.SURE and g.value.endswith("unexplained")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
-        if any(question.field == "units/tau" for question in questions):
-            # A question that says by how much the torques are off replaces those that only say that they are; that they
-            # are no measured torques at all has no choices, and stays.
-            replaced = ("units/tau", "effort_kind") if effort.signal == "tau" else ("units/tau",)
+        fields = {question.field for question in questions}
+        if fields & {"units/tau", "columns"}:
+            # A question that says by how much the torques are off, or whose they are, replaces those that only say that
+            # they are; that they are no measured torques at all has no choices, and stays.
+            is_scaled = "units/tau" in fields and effort.signal == "tau"
+            replaced = ("units/tau", "effort_kind") if is_scaled else ("units/tau",)
             self.questions = [
                 question
                 for question in self.questions

@@ -5,6 +5,8 @@ Holds from how many columns on a file seems to be written on its side (200).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dynident.array_types import FloatArray
@@ -19,7 +21,7 @@ from dynident.identification.column_inference.column_statistics import (
     is_counter,
     read_clock,
 )
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits
+from dynident.identification.column_inference.dynamics_fits import FEWEST_ROWS, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
@@ -31,6 +33,7 @@ from dynident.recordings.pose_recordings import are_poses
 from dynident.recordings.recording_metadata import EffortKind, RecordingError, RecordingMetadata
 from dynident.recordings.time_columns import is_time_name
 from dynident.robot import Robot
+from dynident.robot.pinocchio_conversion import compute_described_torque
 
 _EXPLAINED = 0.5
 """Share of the torque that gravity may leave unexplained where the columns hold what their names say."""
@@ -92,8 +95,12 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     if choice is None:
         backward = [names[column] for column in find_clock_columns(values[::-1]) if is_time_name(names[column])]
         if backward:
-            order = f"{backward[0]} runs backward: the rows are in reverse order. Write the earliest row first."
-            work.add_question("columns/t", order)
+            remedy = Remedy("rate")
+            order = (
+                f"{backward[0]} runs backward: the rows are in reverse order, or it counts down. Write the earliest "
+                f"row first; of a time that counts down, state the rate of the rows instead: {remedy}."
+            )
+            work.questions.append(Question("columns/t", order, remedies=(remedy,)))
             return None
         unsorted = [index for index, name in enumerate(work.column_names) if name.signal == "t"]
         if unsorted and (order := _describe_disorder(names[unsorted[0]], values[:, unsorted[0]])):
@@ -299,6 +306,8 @@ def guess_efforts_at_poses(
 
 _LARGEST_ROBOT = 50.0
 """m."""
+_LENGTHS = (("mm", 1e-3), ("cm", 1e-2), ("inches", 0.0254))
+"""Units in which lengths of descriptions are written, and their m."""
 _SHORTEST = 1.0
 """s: below it nothing is told by the dynamics."""
 _ALL_ROWS = 1 << 14
@@ -318,9 +327,10 @@ def ask_about_file(work: WorkingProposal) -> bool:
         )
         work.add_question("columns", detail)
     elif reach > _LARGEST_ROBOT:
+        fitting = [f"in {unit} {reach * size:.2g} m" for unit, size in _LENGTHS if reach * size < _LARGEST_ROBOT / 5.0]
         detail = (
-            f"By its description the robot would reach {reach:.0f} m: lengths are in m, and these are probably mm. "
-            "Divide the lengths in the description by 1000."
+            f"By its description the robot would reach {reach:.0f} m: lengths are in m, and these are in another unit. "
+            f"It would reach {' or '.join(fitting)}. Write the lengths in the description in m."
         )
         work.add_question("robot", detail)
     return bool(work.questions)
@@ -329,13 +339,78 @@ def ask_about_file(work: WorkingProposal) -> bool:
 def ask_about_length(work: WorkingProposal, clock: Clock) -> None:
     """Ask whether a recording of less than a second is meant: nothing is told by so little motion."""
     rows = len(work.sample.values)
-    if are_columns_poses(work) or rows / clock.rate >= _SHORTEST or rows >= _ALL_ROWS:
+    # Where rows come in bursts their usual step says nothing of the whole.
+    steps = np.diff(work.t[np.isfinite(work.t)])
+    seconds = max(rows / clock.rate, float(steps[steps > 0.0].sum()))
+    if are_columns_poses(work) or seconds >= _SHORTEST or rows >= _ALL_ROWS:
         return
     detail = (
-        f"The recording has {rows / clock.rate:.2g} s, too little to tell one parameter from another, or a measured "
+        f"The recording has {seconds:.2g} s, too little to tell one parameter from another, or a measured "
         "torque from a commanded one: record 10 s or more."
     )
     work.questions.append(Question("rows", detail, check="length"))
+
+
+_OTHER_TIME, _SAME_GRAVITY = 5.0, 5.0
+"""Ratio of rates from which on a time has another unit: rotors behind gears make inertia up to ten times larger, which
+is three times in time; and what the load of gravity agrees to meanwhile."""
+
+
+def ask_about_time(work: WorkingProposal, fits: DynamicsFits, clock: Clock, q: FloatArray, tau: FloatArray) -> None:
+    """Ask for the unit of a time that does not state one, where gravity agrees with the description and inertia not.
+
+    A fit does not tell it: masses that are free make up for any scale of time.
+
+    Parameters
+    ----------
+    work : WorkingProposal
+        Gets the question.
+    fits : DynamicsFits
+        Of the sample.
+    clock : Clock
+        The time as it was guessed.
+    q, tau : (m, n)
+        Positions in rad or m, and torques in N m or N.
+    """
+    name, robot = work.sample.names[clock.column], work.robot
+    if work.column_names[clock.column].unit or clock.unit == "s" or robot.inertias is None:
+        return
+    motion = fits.to_motion(q, tau)
+    if motion is None or len(motion.q) < FEWEST_ROWS:
+        return
+    states = [signal[:: max(1, len(motion.q) // _STATES)] for signal in (motion.q, motion.dq, motion.ddq)]
+    measured, still = motion.tau[:: max(1, len(motion.q) // _STATES)], np.zeros_like(states[0])
+    gravity = compute_described_torque(robot, states[0], still, still)
+    inertia = compute_described_torque(robot, *states) - gravity
+    # Friction and offset of each joint are free; noise of small joints must not count as that of large ones.
+    rows = []
+    for joint in range(robot.n):
+        speed = states[1][:, joint]
+        free = np.column_stack([speed, np.sign(speed), np.ones(len(speed))])
+        three = np.column_stack([gravity[:, joint], inertia[:, joint], measured[:, joint]])
+        rest = three - free @ np.linalg.lstsq(free, three, rcond=1e-10)[0]
+        rows.append(rest / (rest[:, 2].std() + 1e-12))
+    both, right = np.split(np.concatenate(rows), [2], axis=1)
+    size = np.sqrt((both**2).sum(axis=0)) + 1e-30
+    of_gravity, of_inertia = np.linalg.lstsq(both / size, right[:, 0], rcond=1e-10)[0] / size
+    if not 1.0 / _SAME_GRAVITY < of_gravity < _SAME_GRAVITY or of_inertia <= 0.0:
+        return
+    ratio = float(np.sqrt(of_inertia / of_gravity))
+    if 1.0 / _OTHER_TIME < ratio < _OTHER_TIME:
+        return
+    remedy = Remedy("rate")
+    detail = (
+        f"In which unit is {name}? In {clock.unit} the rows would come at {clock.rate:.4g} Hz, and the torque would "
+        f"hold {of_inertia:.2g} times the inertia of the description beside its gravity: with about "
+        f"{float(f'{clock.rate * ratio:.2g}'):g} Hz both agree. If {name} counts ticks of a clock, state the "
+        f"rate of the rows: {remedy}."
+    )
+    work.add_question("units/t", detail, ("s", "ms", "us", "ns"))
+    work.questions[-1] = replace(work.questions[-1], remedies=(remedy,))
+
+
+_STATES = 400
+"""Rows that are compared with the description."""
 
 
 def drop_dependent_questions(work: WorkingProposal) -> None:

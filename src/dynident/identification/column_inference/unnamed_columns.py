@@ -374,6 +374,42 @@ def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
     return groups[shortest] if all(words[shortest] < other for other in others) else None
 
 
+def group_other_names(
+    work: WorkingProposal, groups: Sequence[ColumnGroup], rest: Sequence[int], measure: MeasureUnexplained
+) -> list[ColumnGroup]:
+    """Return signals of joints that the description calls otherwise, such as base_pos and base_torque.
+
+    As many columns as joints have the same words beside the signal's; they are in the order of the file, if the
+    dynamics do not contradict it. The parameters are those of `group_unnamed_columns`.
+    """
+    named, taken = work.column_names, {group.signal for group in groups}
+    members: dict[Signal, tuple[int, ...]] = {}
+    joints: dict[Signal, list[frozenset[str]]] = {}
+    for signal in _OF_JOINTS:
+        columns = [index for index in rest if named[index].signal == signal and named[index].rank < _COMMANDED_RANK]
+        words = [frozenset(named[index].words) for index in columns]
+        if len(columns) == work.robot.n > 1 and signal not in taken:
+            own = [each - frozenset.intersection(*words) for each in words]
+            if all(own) and len(set(own)) == len(own):
+                members[signal], joints[signal] = tuple(columns), own
+    effort = next((signal for signal in ("tau", "current") if signal in members), None)
+    if "q" not in members or effort is None or joints["q"] != joints[effort]:
+        return []
+    if measure(members["q"], members[effort]) > _EXPLAINED:
+        return []
+    reason = (
+        "as many columns as joints, taken in the order of the file, as their names are of none of the robot's joints"
+    )
+    return [
+        ColumnGroup(columns, signal, named[columns[0]].unit, named[columns[0]].rank, named[columns[0]], reason)
+        for signal, columns in members.items()
+        if joints[signal] == joints["q"]
+    ]
+
+
+_OF_JOINTS: tuple[Signal, ...] = ("q", "dq", "tau", "current")
+
+
 def group_unnamed_columns(
     work: WorkingProposal, groups: list[ColumnGroup], rest: list[int], alive: BoolArray, measure: MeasureUnexplained
 ) -> list[ColumnGroup]:

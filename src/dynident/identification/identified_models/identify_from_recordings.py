@@ -32,6 +32,7 @@ from dynident.identification.equations.model_and_data_checks import (
     check_reduction,
     check_runs,
     check_temperature,
+    describe_other_masses,
 )
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identification_choices import IdentificationChoices
@@ -438,7 +439,7 @@ def complete_identification(
         band, why = narrow
         narrowed = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
         return narrowed.with_changes(warnings=defer(lambda: (why, *narrowed.warnings)))
-    warnings = defer(lambda: _warn_of_slow_motion(identified) + identified.warnings)
+    warnings = defer(lambda: (*_warn_of_slow_motion(identified), *identified.warnings, *_warn_of_masses(identified)))
     return add_digests(identified.with_changes(warnings=warnings), recordings, validation)
 
 
@@ -447,6 +448,11 @@ def _warn_of_slow_motion(identified: Identification) -> tuple[str, ...]:
     if slow is None:
         return ()
     return (f"{slow} Use the model at such speeds only, and record a faster motion for the dynamics.",)
+
+
+def _warn_of_masses(identified: Identification) -> tuple[str, ...]:
+    shown = [one.unit == _FIRST_MOMENT and one.judgement == "determined" for one in identified.parameters]
+    return describe_other_masses(identified.model, identified.values, np.array(shown))
 
 
 LEAST_DETERMINED = 0.1

@@ -27,6 +27,7 @@ from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.recording import SampleBlock
 from dynident.recordings.recording_metadata import Check
+from dynident.recordings.units import format_time
 from dynident.robot.robot_model import Robot
 
 _ROWS = 2500
@@ -220,7 +221,7 @@ def report_torque_steps(
         Check(
             "torque_step",
             "warning",
-            f"Torques step once, and stay at the new value: {names}, at about t = {t:.4g} s. That is "
+            f"Torques step once, and stay at the new value: {names}, at about t = {format_time(t)} s. That is "
             f"{format_percent(largest.explained, decimals=0)} of what is unexplained of {tau[largest.joint]}. A sensor "
             "was set to zero again there, or a load was picked up or released: use the seconds on one side alone "
             "(windows), or give them as two recordings.",

@@ -23,6 +23,7 @@ from dynident.recordings.conditioning.windows_and_changed_rows import (
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.recording import are_readings
 from dynident.recordings.recording_metadata import Check
+from dynident.recordings.units import format_time
 
 SHORTEST = 0.5
 """s for which all torques have to be 0: no log loses frames for so long, and brakes take some tenths of a second."""
@@ -73,9 +74,9 @@ class IdleDrives:
         if not rows.n or rows.first is None:
             return [Check(self.name, "ok", "The drives are switched on all the time.")]
         detail = (
-            f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), "
-            "and they jump to 0 there: the drives are switched off. These rows are not used, and no filter runs "
-            "across them. If the torques are right"
+            f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} "
+            f"(t = {format_time(rows.first[1])} s), and they jump to 0 there: the drives are switched off. These rows "
+            "are not used, and no filter runs across them. If the torques are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 
@@ -134,7 +135,7 @@ class FrozenSignals:
                     own = window.select_own_rows(np.arange(start, stop))
                     self._found.add(column, own, window.t[own - 1 - window.first_row])
                     if is_late:
-                        until = f"{window.first_row + first_own}, t = {window.t[first_own - 1]:.6g} s"
+                        until = f"{window.first_row + first_own}, t = {format_time(window.t[first_own - 1])} s"
                         self._late.append(f"{self._signals.sources[column]} (rows {begin + 1} to {until})")
                 if start <= window.own.stop - MARGIN_ROWS + 1 < stop:
                     self._going_on[column] = begin, removed
@@ -169,9 +170,9 @@ class FrozenSignals:
             return [Check(self.name, "ok", "No frozen signal was found.")]
         late = f" It showed too late to leave out {', '.join(self._late)}: exclude these." if self._late else ""
         detail = (
-            f"{rows.n} samples, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), are exactly the one before "
-            f"although the joint moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a drive "
-            f"was off. These rows are not used, and no filter runs across them.{late} If the values are right"
+            f"{rows.n} samples, first in row {rows.first[0]} (t = {format_time(rows.first[1])} s), are exactly the one "
+            f"before although the joint moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
+            f"drive was off. These rows are not used, and no filter runs across them.{late} If the values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
 

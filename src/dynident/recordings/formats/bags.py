@@ -28,6 +28,7 @@ from dynident.recordings.file_size_limits import (
     TITLE,
     check_columns,
     choose_block_rows,
+    make_damaged_error,
 )
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.mcap_files import read_mcap_messages
@@ -179,7 +180,7 @@ def read_topic_samples(path: Path, name: str) -> Iterator[TopicSamples]:
     except (ModuleNotFoundError, RecordingError):
         raise
     except Exception as error:  # the readers' own kinds of error are many, and are all about the file
-        raise RecordingError(f"The file cannot be read as {name}: {error}", title=TITLE) from error
+        raise make_damaged_error(name, error) from error
     if undefined and not any_read:
         raise RecordingError(
             f"The bag does not contain the definition of its messages of the type {', '.join(undefined)}. Record it "

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import re
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from threading import Event
 from typing import IO
 
 import numpy as np
@@ -42,6 +44,7 @@ from dynident.recordings.file_size_limits import (
     check_columns,
     check_unpacked,
     choose_block_rows,
+    make_damaged_error,
 )
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.text_streams import (
@@ -50,6 +53,7 @@ from dynident.recordings.formats.text_streams import (
     TextContent,
     find_stated_rate,
     join_thousands,
+    refuse_date,
 )
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.sample_series_join import SampleSeries, describe_join
@@ -57,6 +61,9 @@ from dynident.recordings.time_columns import is_time_name
 
 CSV_BLOCK_BYTES = 1 << 19
 """Arrow reads up to 32 such blocks ahead; smaller ones are as fast, and 4 MiB took 150 MB."""
+
+_PATIENCE = 1.0
+"""s that the end of Arrow's thread is awaited; it takes some microseconds."""
 
 _VALUE_BYTES = 8
 _BROKEN_PARQUET = (pa.ArrowException, OSError, ValueError, KeyError, UnicodeError)
@@ -81,7 +88,7 @@ class ParquetFileSource(FileSource):
             super().__init__(expand_names(first.schema, self._lists))
             self.texts = list_texts(expand_lists(first, self.names, self._lists))
         except _BROKEN_PARQUET as error:
-            raise RecordingError(f"The file cannot be read as {self.format_name}: {error}", title=TITLE) from error
+            raise make_damaged_error(self.format_name, error) from error
 
     def _look(self) -> tuple[pa.Schema, pa.RecordBatch | None, bool]:
         """Return the columns, the first rows, and whether these have empty cells."""
@@ -102,7 +109,7 @@ class ParquetFileSource(FileSource):
                 flat = _flatten_structs(batch)
                 yield expand_lists(flat, columns, self._lists) if self._lists else flat.select(columns)
         except _BROKEN_PARQUET as error:
-            raise RecordingError(f"The file cannot be read as {self.format_name}: {error}", title=TITLE) from error
+            raise make_damaged_error(self.format_name, error) from error
 
 
 class FeatherFileSource(ParquetFileSource):
@@ -189,7 +196,7 @@ class CsvFileSource(FileSource):
         self.has_gaps = self._dialect.has_gaps
         self.clocks = self._dialect.clocks
         self.stated_rate = find_stated_rate(content.read_start(dialect_bytes), self._dialect.lines_before_data)
-        self._worded: set[str] = set()
+        self._worded: dict[str, str] = {}
         self._changes: set[object] = set()
         self._odd_rows = _OddRows(len(self._dialect.names))
         for name, cells in self._dialect.texts.items():
@@ -207,6 +214,11 @@ class CsvFileSource(FileSource):
         return (
             *self._dialect.remarks,
             *(repeated if "names" in self._changes else ()),
+            *(
+                f"{name} has cells that are no numbers, such as {cell!r}."
+                for name, cell in self._worded.items()
+                if cell
+            ),
             *self._odd_rows.describe(self._dialect.lines_before_data),
         )
 
@@ -238,11 +250,13 @@ class CsvFileSource(FileSource):
                     self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, change))
                     continue
                 # Read again: words among the numbers of a column are cells without one.
-                self._worded.add(column)
+                self._worded[column] = _read_cell(str(error))
+                if not is_time_name(column):
+                    refuse_date(column, self._worded[column])
 
     def _find_change(self, message: str, column: str) -> Callable[[str], str] | None:
         """Return a change of the lines with which a cell that is no number can be read, once for each kind."""
-        cell = message.partition("invalid value '")[2].rpartition("'")[0]
+        cell = _read_cell(message)
         if cell == column and "names" not in self._changes:
             # Lines that are empty Arrow passes by: the rows above them stay the same.
             self._changes.add("names")
@@ -268,29 +282,36 @@ class CsvFileSource(FileSource):
         words = self._worded | self.texts.keys()
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
         text = self._open_text()
-        with pacsv.open_csv(
-            text,
-            read_options=pacsv.ReadOptions(
-                column_names=list(dialect.names),
-                skip_rows=dialect.lines_before_data,
-                block_size=CSV_BLOCK_BYTES,
-                use_threads=False,
-            ),
-            parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=self._odd_rows.judge_row),
-            convert_options=pacsv.ConvertOptions(
-                include_columns=columns,
-                column_types=types,
-                null_values=_NULLS,
-                decimal_point=dialect.decimal_point,
-            ),
-        ) as reader:
-            try:
+        judge = partial(self._odd_rows.judge_row)
+        is_released = Event()
+        weakref.finalize(judge, is_released.set).atexit = False
+        reader = None
+        try:
+            with pacsv.open_csv(
+                text,
+                read_options=pacsv.ReadOptions(
+                    column_names=list(dialect.names),
+                    skip_rows=dialect.lines_before_data,
+                    block_size=CSV_BLOCK_BYTES,
+                    use_threads=False,
+                ),
+                parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=judge),
+                convert_options=pacsv.ConvertOptions(
+                    include_columns=columns,
+                    column_types=types,
+                    null_values=_NULLS,
+                    decimal_point=dialect.decimal_point,
+                ),
+            ) as reader:
                 for batch in reader:
-                    yield self._parse_word_columns(batch) if self._worded.intersection(columns) else batch
-            finally:
-                # Arrow reads ahead in a thread, which may not call Python as that ends: the text ends here.
-                if isinstance(text, io.BufferedReader) and isinstance(text.raw, RewrittenText):
-                    text.raw.is_ended = True
+                    yield self._parse_word_columns(batch) if self._worded.keys() & columns else batch
+        finally:
+            # Arrow reads ahead in a thread, which aborts the program where it calls Python as that ends. The text ends
+            # here, and the thread is awaited: it lets go of the judge of rows last.
+            if isinstance(text, io.BufferedReader) and isinstance(text.raw, RewrittenText):
+                text.raw.is_ended = True
+            del reader, judge
+            is_released.wait(_PATIENCE)
 
     def _parse_word_columns(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Return the batch with numbers in columns with words; a word is a missing value."""
@@ -348,6 +369,11 @@ def _find_word_column(message: str, dialect: Dialect) -> str | None:
     if column is None or "invalid value" not in message:
         return None
     return dialect.names[int(column.group(1))]
+
+
+def _read_cell(message: str) -> str:
+    """Return the cell that pyarrow could not read as a number."""
+    return message.partition("invalid value '")[2].rpartition("'")[0]
 
 
 def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:

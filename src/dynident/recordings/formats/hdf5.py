@@ -25,6 +25,7 @@ from dynident.recordings.file_size_limits import (
     check_chunk,
     check_columns,
     check_unpacked,
+    make_damaged_error,
 )
 from dynident.recordings.formats.array_files import (
     FEWEST_ROWS,
@@ -217,7 +218,7 @@ def open_hdf5(path: Path) -> ArrayFileSource:
     except RecordingError:
         raise
     except _BROKEN as error:
-        raise RecordingError(f"The file cannot be read as HDF5: {error}", title=TITLE) from error
+        raise make_damaged_error("HDF5", error) from error
     return ArrayFileSource(arrays, words, rows)
 
 

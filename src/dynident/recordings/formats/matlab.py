@@ -15,7 +15,12 @@ from typing import IO
 
 import numpy as np
 
-from dynident.recordings.file_size_limits import DEEPEST, TITLE, check_columns, check_unpacked
+from dynident.recordings.file_size_limits import (
+    DEEPEST,
+    check_columns,
+    check_unpacked,
+    make_damaged_error,
+)
 from dynident.recordings.formats.array_files import (
     FEWEST_ROWS,
     ArrayFileSource,
@@ -77,7 +82,7 @@ def open_matlab(path: Path) -> ArrayFileSource:
     except RecordingError:
         raise
     except (ValueError, OSError, zlib.error) as error:
-        raise RecordingError(f"The file cannot be read as MAT: {error}", title=TITLE) from error
+        raise make_damaged_error("MAT", error) from error
 
 
 def _read_arrays(file: IO[bytes], rows: list[str]) -> Iterator[StoredArray]:

@@ -19,7 +19,14 @@ from dynident.array_types import FloatArray
 from dynident.recordings.arrow_tables import batch_from_arrays, from_numbers
 from dynident.recordings.cells_without_numbers import make_counted_names
 from dynident.recordings.file_names_and_digests import MOST_FILES
-from dynident.recordings.file_size_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, choose_block_rows
+from dynident.recordings.file_size_limits import (
+    MOST_TEXT,
+    TITLE,
+    check_columns,
+    check_unpacked,
+    choose_block_rows,
+    make_damaged_error,
+)
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.array_files import RUN_WORDS
 from dynident.recordings.formats.text_streams import ProducedStream, TextContent
@@ -357,7 +364,7 @@ def open_joined_files(
     except RecordingError:
         raise
     except _BROKEN as error:
-        raise RecordingError(f"The archive cannot be read: {error}", title=TITLE) from error
+        raise make_damaged_error("ZIP", error) from error
     sources = [(name, open_text(TextContent(path, _make_opener(path, name)))) for name in members]
     return sources[0][1] if len(sources) == 1 else _join_or_chain(sources)
 

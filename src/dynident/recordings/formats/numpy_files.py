@@ -10,7 +10,12 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from numpy.lib import format as numpy_format
 
-from dynident.recordings.file_size_limits import TITLE, BoundedFile, check_columns, check_unpacked
+from dynident.recordings.file_size_limits import (
+    BoundedFile,
+    check_columns,
+    check_unpacked,
+    make_damaged_error,
+)
 from dynident.recordings.formats.array_files import (
     MOST_WORDS,
     ArrayFileSource,
@@ -61,7 +66,7 @@ def open_numpy(path: Path, name: str) -> ArrayFileSource:
     except RecordingError:
         raise
     except _BROKEN as error:
-        raise RecordingError(f"The file cannot be read as {name}: {error}", title=TITLE) from error
+        raise make_damaged_error(name, error) from error
 
 
 def _read_single(path: Path) -> list[StoredArray]:

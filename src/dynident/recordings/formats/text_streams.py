@@ -14,7 +14,13 @@ from typing import IO, TYPE_CHECKING
 
 import pyarrow as pa
 
-from dynident.recordings.file_size_limits import LARGEST_MESSAGE, MOST_TEXT, TITLE, UnpackedSize
+from dynident.recordings.file_size_limits import (
+    LARGEST_MESSAGE,
+    MOST_TEXT,
+    TITLE,
+    UnpackedSize,
+    make_damaged_error,
+)
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import is_time_name
 from dynident.text_encoding import decode_unmarked_text
@@ -106,7 +112,7 @@ class _DecompressedStream(ProducedStream):
         try:
             part: bytes = self._file.read(size)
         except (OSError, ValueError) as error:
-            raise RecordingError(f"The file cannot be unpacked ({self._compression}): {error}", title=TITLE) from error
+            raise make_damaged_error(self._compression, error) from error
         # Counted as it comes: what a file unpacks to is not known before.
         self._size.add(len(part))
         return part
@@ -348,6 +354,25 @@ _INCREMENTS = ("wf_increment", "delta_x")
 """Before the steps of time of channels, in s without a unit, as LabVIEW writes them."""
 _UNITS_OF_RATES = {"hz": 1.0, "khz": 1e3, "s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6}
 _SLOWEST, _FASTEST, _LONGEST_REMARK = 1.0, 1e5, 300
+
+
+_DATE = re.compile(
+    r"\s{0,9}(?:(?:\d{1,2}[. -]{1,2})?[^\W\d]{3,9}\.?[ -]\d{1,4}|\d{1,2}[.-]{1,2} ?[^\W\d]{3,9}\.?|"
+    r"(?:\d{1,2}/){2}\d{2,4})\s{0,9}$"
+)
+"""Mar 14, 14. Mrz, 14-Mar, 3/14/2024: what spreadsheets make of 3.14."""
+
+
+def refuse_date(column: str, cell: str) -> None:
+    """Refuse a date among the numbers of a column, which a spreadsheet made of a number."""
+    if _DATE.match(cell):
+        raise RecordingError(
+            f"Cells of {column} are dates, such as {cell!r}: a spreadsheet took numbers such as 3.14 for dates as it "
+            "opened the file, and the numbers are lost. Take the file as it was recorded; in a spreadsheet, import it "
+            "with the columns as text, or with the right decimal sign.",
+            pointer=column,
+            title="Dates in place of numbers",
+        )
 
 
 def find_stated_rate(start: bytes, n_lines: int) -> float | None:
