@@ -13,13 +13,16 @@ import pytest
 from support.drawn_recordings import log, read
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters, build_columns
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.identification.estimation_problem import ShapeUncertainty
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors import row_cache
+from dynident.regressors import dynamic_model_rows, row_cache
+from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import build_model, extend_model
+from dynident.regressors.observation_matrix import Observation, RegressorInputs
+from dynident.regressors.qr_accumulation import MOST_VALUES
 
 ROBOT = arm("ur10")
 NAMES = ROBOT.joint_names
@@ -42,6 +45,7 @@ def run(seed: int, seconds: float):
     return record(ROBOT, motion, tau + np.random.default_rng(seed).normal(0, 0.5, tau.shape), f"run {seed}")
 
 
+REFERENCE = ReferenceParameters.massless(ROBOT)
 RUNS, HELD_OUT = [run(1, 20.0), run(3, 8.0)], [run(2, 12.0)]
 
 
@@ -242,3 +246,66 @@ def test_other_recordings_than_those_of_the_model_are_refused_by_their_samples()
     ):
         with pytest.raises(DynidentError, match=rf"not the recordings .* identified from \(run 1, run 3\): {said}"):
             extend(model, added, given)
+
+
+def test_columns_behind_those_that_an_earlier_pass_kept_are_evaluated_alone(monkeypatch):
+    model = extend(
+        identify(ROBOT, RUNS, HELD_OUT, CHOICES), [EffectChoice("load_dependent_friction", (NAMES[2],))], RUNS
+    )
+    inputs = RegressorInputs(RUNS, CHOICES.preprocessing, model.estimate.reference)
+    loaded = replace(inputs, reference=model.estimate.next_reference())
+    springs, starts = (
+        model.model.observation.extend(build_columns([choice], model.model.signals), model.model.signals)
+        for choice in (EffectChoice("joint_spring"), EffectChoice("stribeck", (NAMES[1],)))
+    )
+    evaluated = []
+    evaluate = Observation.evaluate
+
+    def count_columns(observation: Observation, *signals: object, **others: object) -> object:
+        evaluated.append(observation.n_columns)
+        return evaluate(observation, *signals, **others)
+
+    monkeypatch.setattr(Observation, "evaluate", count_columns)
+    kept = {}
+    # Another torque that loads are predicted with, or other instants that are left out, are other rows.
+    for observation, given, is_kept in (
+        (springs, inputs, False),
+        (springs, inputs, True),
+        (springs, loaded, False),
+        (starts, loaded, False),
+    ):
+        evaluated.clear()
+        mine = reduce_recordings(observation, replace(given, kept_rows=kept), by_phase=True)
+        assert set(evaluated) == {observation.parts[1].n_columns if is_kept else observation.n_columns}
+        fresh = reduce_recordings(observation, given, by_phase=True)
+        for own, other in zip(mine.equations, fresh.equations, strict=True):
+            np.testing.assert_allclose(np.abs(own.factors), np.abs(other.factors), rtol=1e-6, atol=1e-8)
+    assert sum(rows.size for rows in kept.values()) <= MOST_VALUES
+
+
+def test_rows_beyond_the_most_values_are_not_kept(monkeypatch):
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES).model
+    observation = model.observation.extend(build_columns([EffectChoice("joint_spring")], model.signals), model.signals)
+    kept = {}
+    monkeypatch.setattr(dynamic_model_rows, "MOST_VALUES", 10)
+    reduce_recordings(observation, RegressorInputs(RUNS, CHOICES.preprocessing, REFERENCE, kept_rows=kept))
+    assert not kept
+
+
+def test_one_factor_a_segment_has_the_products_of_all_blocks():
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES).model
+    inputs = RegressorInputs(RUNS, CHOICES.preprocessing, REFERENCE)
+    blocks, whole = (reduce_recordings(model.observation, inputs, by_time=by_time) for by_time in (True, False))
+    assert len(whole.spans) == len(RUNS) < len(blocks.spans)
+    for own, other in zip(whole.equations, blocks.equations, strict=True):
+        assert own.counts.sum() == other.counts.sum()
+        products = [each.whole_factor.T @ each.whole_factor for each in (own, other)]
+        np.testing.assert_allclose(products[0], products[1], rtol=1e-8, atol=1e-8 * np.abs(products[1]).max())
+
+
+def test_columns_of_first_order_effects_are_compiled_once():
+    model = build_model(ROBOT, PLAIN)
+    delay, spring = (build_columns([EffectChoice(name)], model.signals) for name in ("torque_delay", "joint_spring"))
+    tails = [model.observation.extend(delay, model.signals).parts[1] for _ in range(2)]
+    assert tails[0] is tails[1]
+    assert model.observation.extend(spring, model.signals).parts[1] is not tails[0]

@@ -22,7 +22,7 @@ from dynident.identification import (
 )
 from dynident.identification.identified_models.correlated_and_essential_parameters import essential_parameters
 from dynident.recordings import Preprocessing
-from dynident.regressors.row_cache import MOST_VALUES
+from dynident.regressors.qr_accumulation import MOST_VALUES
 
 ROBOT = arm("scara")
 NAMES = ROBOT.joint_names

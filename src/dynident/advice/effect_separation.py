@@ -22,7 +22,7 @@ from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
 from dynident.motion.joint_trajectories import Motion
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase
-from dynident.regressors.dynamic_model_rows import is_in_run
+from dynident.regressors.model_structure import is_in_run
 
 _MOST_ROWS = 1500
 """Samples that a matrix of inner products is made from: beyond them only its precision grows, not what it says."""

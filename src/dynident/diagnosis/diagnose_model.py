@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 from dynident.array_types import FloatArray
@@ -319,12 +320,12 @@ class _Question:
     since: tuple[str, ...]
     rules: DecisionRules
 
-    @property
+    @cached_property
     def inputs(self) -> RegressorInputs:
         """The recordings, with filters and reference of the model, and what the user knows of its parameters."""
         plain = self.identification
         known = build_prior(plain.model, replace(plain.choices.trust, prior=None))
-        return RegressorInputs(self.recordings, plain.preprocessing, plain.estimate.next_reference(), known)
+        return RegressorInputs(self.recordings, plain.preprocessing, plain.estimate.next_reference(), known, {})
 
 
 class _Search(NamedTuple):

@@ -165,24 +165,20 @@ class MemoryStates:
 
     def _follow_path(self, path: FloatArray, members: list[int], out: FloatArray) -> None:
         """Fill the columns `members` of `out` (m, …) along `path` (m + 1,), whose first point is the last one known."""
+        signs = np.sign(np.diff(path))
         # Signals with equal operators go through one array operation, whatever their slips.
-        slips = np.array([self.signals[k].slip for k in members])
-        operators = [self.signals[k].operator for k in members]
-        groups = [
-            (operator, [i for i, other in enumerate(operators) if other == operator])
-            for operator in dict.fromkeys(operators)
-        ]
-        # Operators that do not forget give the same states however a stroke is divided.
-        halts = any(operator.forgets_at_halts for operator in operators)
-        state = self._state[members]
-        for first, last in itertools.pairwise(_find_strokes(np.sign(np.diff(path)), standstills=halts)):
-            ratio = (path[first + 1 : last + 1, None] - path[first]) / slips
-            sliding = np.empty_like(ratio)
-            for operator, places in groups:
-                sliding[:, places] = operator.stroke(state[places], ratio[:, places])
-            out[first:last, members] = sliding
-            state = sliding[-1]
-        self._state[members] = state
+        for operator in dict.fromkeys(self.signals[k].operator for k in members):
+            own = [k for k in members if self.signals[k].operator == operator]
+            # Operators that do not forget give the same states however a stroke is divided.
+            strokes = _find_strokes(signs, standstills=operator.forgets_at_halts)
+            since = path[1:] - np.repeat(path[strokes[:-1]], np.diff(strokes))
+            ratio = since[:, None] / np.array([self.signals[k].slip for k in own])
+            states, last = np.empty_like(ratio), self._state[own]
+            for rows in itertools.starmap(slice, itertools.pairwise(strokes)):
+                states[rows] = operator.stroke(last, ratio[rows])
+                last = states[rows.stop - 1]
+            out[:, own] = states
+            self._state[own] = last
 
 
 def _find_strokes(moves: FloatArray, *, standstills: bool) -> list[int]:

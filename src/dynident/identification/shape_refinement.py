@@ -221,7 +221,8 @@ def settle_shapes(
         places = [p for p in places if (p.choice, p.spec.name) not in staying]
         if not places:
             return here
-        data = _ShapeDerivatives.from_recordings(model, here, places, inputs, noise)
+        # Intervals take what each block of time says; a step needs sums alone.
+        data = _ShapeDerivatives.from_recordings(model, here, places, inputs, noise, by_time=number == 0)
         noise = data.noise
         # Natural values, such as an exponent of 2, are preferred: they only move where the data contradict them.
         if number == 0:
@@ -282,6 +283,8 @@ class _ShapeDerivatives:
         places: Sequence[ShapeVariable],
         inputs: RegressorInputs,
         noise: FloatArray | None,
+        *,
+        by_time: bool,
     ) -> _ShapeDerivatives:
         columns: list[Column] = list(model.kept)
         numbers: list[range] = []
@@ -302,7 +305,7 @@ class _ShapeDerivatives:
             pairs.append([(k, first + i, first + len(own) + i) for i, k in enumerate(own)])
         # One pass over the data for all derivatives: the shifted columns are sampled and filtered beside the others.
         observation = model.observation.extend(columns[model.n_parameters :], model.signals)
-        reduction = reduce_recordings(observation, inputs)
+        reduction = reduce_recordings(observation, inputs, by_time=by_time)
         if noise is None:
             # Of the model with the choices: without them, a joint that lacks much would hardly count.
             here = reduction.select_columns(list(range(n_columns)))

@@ -378,7 +378,7 @@ def _tabulate(
             numbers[-1].append(list(range(len(columns), len(columns) + len(added))))
             columns += added
     more = columns[model.n_parameters :]
-    reduction = reduce_with_columns(model, more, inputs, progress, known)
+    reduction = reduce_with_columns(model, more, inputs, progress, known, by_time=False)
     alone = reduction.select_columns(list(range(model.n_parameters)))
     # The noise is that of the model without the options, so that all options are compared with the same weights.
     factor = build_weighted_factor(reduction, compute_noise_levels(alone, solve_ordinary(alone).values))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.effects import ReferenceParameters, RunSignal
+from dynident.effects import ReferenceParameters, RunSignal, get_effect
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.estimation import Reduction, merge_row_groups
 from dynident.progress import Progress, ignore_progress
@@ -17,8 +18,9 @@ from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.low_pass_decimation import low_pass_samples as low_pass_samples
 from dynident.recordings.low_pass_decimation import stream_samples as stream_samples
+from dynident.regressors.model_structure import is_in_run
 from dynident.regressors.observation_matrix import FurtherSignals, Observation, RegressorInputs
-from dynident.regressors.qr_accumulation import EquationRows, RestRows, accumulate_equations
+from dynident.regressors.qr_accumulation import MOST_VALUES, EquationRows, RestRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
 from dynident.robot.contacts import find_mixed_joints, yield_mixing_matrices
 
@@ -191,28 +193,6 @@ def _find_unknown_torques(phases: RowPhases | None, block: SampleBlock, part: sl
     return unknown if unknown.any() else None
 
 
-def is_in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
-    """Return whether a segment of a recording is one of a signal's runs, as a number.
-
-    Parameters
-    ----------
-    signal : RunSignal
-        Labels of runs, or none for recordings that are marked as carrying a payload.
-    recording : Recording
-        The recording.
-    segment : int
-        Number of the segment.
-
-    Returns
-    -------
-    float
-        1 if it is one of them, else 0.
-    """
-    if not signal.runs:
-        return float(recording.payload is not None)
-    return float(bool({recording.name, recording.name_segment(segment)} & set(signal.runs)))
-
-
 def stream_filtered_samples(
     observation: Observation,
     recording: Recording,
@@ -315,6 +295,50 @@ def stream_filtered_samples(
         )
 
 
+def stream_behind_kept_rows(
+    observation: Observation, inputs: RegressorInputs, recording: Recording, phases: RowPhases | None = None
+) -> Iterator[FilteredSamples]:
+    """Stream filtered samples as `stream_filtered_samples` does; of leading columns those that an earlier pass kept.
+
+    Filters act on every column by itself, so that what was put behind a model is evaluated and filtered alone.
+
+    Parameters
+    ----------
+    observation : Observation
+        The matrix W to evaluate.
+    inputs : RegressorInputs
+        Filters, what torque is predicted with, and the rows that are kept.
+    recording : Recording
+        The data.
+    phases : RowPhases, optional
+        Which instants are left out; by default those that the friction in W asks for.
+    """
+    phases = phases or RowPhases.from_recording(observation, recording, inputs.preprocessing)
+    stream = partial(stream_filtered_samples, reference=inputs.reference, phases=phases)
+    store, parts, most = inputs.kept_rows, observation.parts, MOST_VALUES * inputs.preprocessing.decimation
+    if store is None or parts is None or recording.n_samples * len(parts[0].entry_rows) > most:
+        yield from stream(observation, recording, inputs.preprocessing)
+        return
+    first, behind = parts
+    effects = [get_effect(column.effect) for column in first.columns if column.effect]
+    predicts = any(effect.needs_load or effect.first_order for effect in effects)
+    reference = inputs.reference.to_vector(first.robot).tobytes() if predicts else b""
+    key = (first, recording, inputs.preprocessing, phases.left_out, reference)
+    rows = store.get(key)
+    if rows is not None:
+        for samples in stream(behind, recording, inputs.preprocessing):
+            leading, rows = rows[: len(samples.t)], rows[len(samples.t) :]
+            yield replace(samples, values=np.hstack([leading, samples.values]))
+        return
+    pieces = [np.empty((0, len(first.entry_rows)))]
+    for samples in stream(observation, recording, inputs.preprocessing):
+        pieces.append(samples.values[:, : len(first.entry_rows)].copy())
+        yield samples
+    while (others := list(store.values())) and sum(map(np.size, [*pieces, *others])) > MOST_VALUES:
+        store.pop(next(iter(store), key), None)
+    store[key] = np.concatenate(pieces)
+
+
 def _zero_equations(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:
     """Set an equation, at `places` of `rows` (m, k), to zero at the samples where `out` (m, n) is true."""
     for joint in np.flatnonzero(out.any(axis=0)):
@@ -349,6 +373,7 @@ def reduce_recordings(
     at_rest: Observation | None = None,
     *,
     by_phase: bool = False,
+    by_time: bool = True,
 ) -> Reduction:
     """Accumulate all recordings in triangular factors, one for each joint and block of time; W is never stored.
 
@@ -368,6 +393,8 @@ def reduce_recordings(
         The friction of the same columns at rest: what is left out is then kept beside the factors.
     by_phase : bool
         Whether rows at reversals and beside halts are kept apart; with `at_rest` they always are.
+    by_time : bool
+        Whether there is a factor for each block of time, or only one for each segment.
 
     Returns
     -------
@@ -375,13 +402,15 @@ def reduce_recordings(
         One equation a joint.
     """
     keeps_rest_rows = at_rest is not None
+    if samples_of is None and not keeps_rest_rows:
+        samples_of = partial(stream_behind_kept_rows, observation, inputs)
     splits_phases = by_phase or keeps_rest_rows
     rows_of = ObservationRows(observation, inputs.preprocessing, inputs.reference, samples_of, at_rest, splits_phases)
     columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (
         3 if splits_phases else 1
     )
     reduction = accumulate_equations(
-        rows_of, columns, observation.n_columns, inputs.recordings, progress, keeps_rest_rows
+        rows_of, columns, observation.n_columns, inputs.recordings, progress, keeps_rest_rows, by_time=by_time
     )
     return merge_row_groups(reduction) if splits_phases else reduction
 

@@ -19,6 +19,7 @@ from dynident.effects import (
     EffectChoice,
     ReferenceParameters,
     Role,
+    RunSignal,
     Signals,
     build_columns,
     get_effect,
@@ -26,6 +27,7 @@ from dynident.effects import (
 )
 from dynident.effects.predicted_torque_expressions import CarriedInertia
 from dynident.errors import DynidentError
+from dynident.recordings import Recording
 from dynident.regressors.base_parameters import (
     DEFAULT_TOLERANCE,
     BaseParameters,
@@ -434,3 +436,25 @@ def find_inertial_base_parameters(robot: Robot) -> BaseParameters:
     """Return the base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
     return find_base_parameters(robot, build_columns([LINKS], signals), signals)
+
+
+def is_in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
+    """Return whether a segment of a recording is one of a signal's runs, as a number.
+
+    Parameters
+    ----------
+    signal : RunSignal
+        Labels of runs, or none for recordings that are marked as carrying a payload.
+    recording : Recording
+        The recording.
+    segment : int
+        Number of the segment.
+
+    Returns
+    -------
+    float
+        1 if it is one of them, else 0.
+    """
+    if not signal.runs:
+        return float(recording.payload is not None)
+    return float(bool({recording.name, recording.name_segment(segment)} & set(signal.runs)))

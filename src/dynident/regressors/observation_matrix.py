@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -64,12 +64,15 @@ class RegressorInputs:
         Parameters that loads and motor torques are predicted with.
     known : PriorInformation, optional
         What is known of the model's parameters beside the data.
+    kept_rows : dict, optional
+        Filtered rows that one pass over the recordings leaves to the next; without, each filters all columns anew.
     """
 
     recordings: Sequence[Recording]
     preprocessing: Preprocessing
     reference: ReferenceParameters
     known: PriorInformation | None = None
+    kept_rows: dict[Hashable, FloatArray] | None = None
 
 
 AnyProgram: TypeAlias = "Program | ConcatenatedPrograms | ProjectedProgram"
@@ -327,9 +330,10 @@ class Observation:
         tail = _build_tail(self.robot, columns, signals)
         memory = self.memory + tuple(item for item in tail.memory if item not in self.memory)
         runs = self.runs + tuple(item for item in tail.runs if item not in self.runs)
-        widths, selections = list(tail.program.widths), _select_everything(len(tail.program.widths))
+        widths = list(tail.program.widths)
+        selections: list[IndexArray | slice] = [slice(None)] * len(widths)
         for place, together, own in ((_MEMORY, memory, tail.memory), (_RUNS, runs, tail.runs)):
-            # The tail knows only its own hysteresis states and runs: it marked_rows them from those of the whole.
+            # The tail knows only its own hysteresis states and runs: it selects them from those of the whole.
             widths[place] = len(together)
             selections[place] = np.array([together.index(item) for item in own], dtype=np.intp)
         return Observation(
@@ -449,11 +453,14 @@ class Observation:
 def _build_tail(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
     """Build the matrix of columns that are put behind others, each kind of them in a program of its own.
 
-    First-order effects are derivatives of the whole torque, so that compiling them takes longest; which shape constants
-    are tried of some others depends on the data. Mostly one kind changes from one matrix to the next: then the programs
-    of the others are at hand.
+    First-order effects are derivatives of the whole torque, so that compiling them takes longest: they are built once.
+    Which shape constants are tried of some others depends on the data. Mostly one kind changes from one matrix to the
+    next: then the machine code of the others is at hand.
     """
     kinds = np.array([_find_kind(column) for column in columns])
+    if len(columns) and (kinds == 2).all():
+        key, matrix = (robot, *columns), _build_matrix(robot, columns)
+        return signals.build_once(key, lambda: (Observation.from_columns(robot, columns, signals), matrix))
     if not len(columns) or (kinds == kinds[0]).all():
         return Observation.from_columns(robot, columns, signals)
     order = np.argsort(kinds, kind="stable")
@@ -491,7 +498,3 @@ def _collect_inputs(signals: Signals, memory: Sequence[MemorySignal], runs: Sequ
         ca.vertcat(*(signals.in_runs(item) for item in runs)) if runs else ca.SX(0, 1),
         signals.reference,
     ]
-
-
-def _select_everything(count: int) -> list[IndexArray | slice]:
-    return [slice(None)] * count

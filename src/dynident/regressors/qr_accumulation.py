@@ -1,7 +1,8 @@
-"""Accumulate rows of recordings into triangular factors, one an equation and block of time; length of blocks."""
+"""Accumulate rows of recordings into triangular factors by equation and block; length of blocks, most values kept."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,9 @@ from dynident.recordings import Recording
 # Blocks of time: at least and at most so many seconds long, about so many of a recording, and never more than so
 # many.
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
+
+MOST_VALUES = 4_000_000
+"""Entries that are kept of one data set at most, 32 MB: twenty minutes of recording at a usual decimation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +106,7 @@ def accumulate_equations(
     beside: bool = False,
     *,
     in_turn: bool = False,
+    by_time: bool = True,
 ) -> Reduction:
     """Accumulate the equations that `rows_of` makes of every recording, of large recordings several at a time.
 
@@ -121,13 +126,16 @@ def accumulate_equations(
         Whether rows at rest are kept as well.
     in_turn : bool
         Whether the rows of one recording depend on those before, as a filter's do that goes on from one to the next.
+    by_time : bool
+        Whether there is a factor for each block of time, or only one for each segment.
 
     Returns
     -------
     Reduction
         The blocks of all recordings, in the order of these.
     """
-    fold_recording = EquationAccumulator(rows_of, tuple(columns), n_columns, choose_block_length(recordings), beside)
+    block_length = choose_block_length(recordings) if by_time else math.inf
+    fold_recording = EquationAccumulator(rows_of, tuple(columns), n_columns, block_length, beside)
     sizes = [recording.n_samples for recording in recordings]
     # Recordings are independent of each other, so that large ones run side by side.
     return concatenate_reductions(

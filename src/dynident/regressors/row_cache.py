@@ -1,4 +1,4 @@
-"""Keep filtered rows of W in memory, so that an extension evaluates only new columns; the most values kept."""
+"""Keep filtered rows of W in memory, so that an extension evaluates only new columns."""
 
 from __future__ import annotations
 
@@ -14,11 +14,8 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.dynamic_model_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
-from dynident.regressors.qr_accumulation import compute_used_duration
+from dynident.regressors.qr_accumulation import MOST_VALUES, compute_used_duration
 from dynident.regressors.row_phases import RowPhases, have_same_instants
-
-MOST_VALUES = 4_000_000
-"""Entries that are kept of one data set at most, 32 MB: twenty minutes of recording at a usual decimation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +124,8 @@ def reduce_with_columns(
     inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
+    *,
+    by_time: bool = True,
 ) -> Reduction:
     """Reduce recordings to a model's columns and further ones, without the rows near halts and at rest.
 
@@ -142,13 +141,16 @@ def reduce_with_columns(
         Hears of the share that is done.
     known : CachedRows, optional
         Of the model: only the columns behind it are evaluated.
+    by_time : bool
+        Whether there is a factor for each block of time; without, the sums over all of them take half the time.
 
     Returns
     -------
     Reduction
         The equations of the model's columns and, behind them, of the further ones.
     """
-    return reduce_without_rest(model.observation.extend(more, model.signals), inputs, progress, known)
+    observation = model.observation.extend(more, model.signals)
+    return reduce_without_rest(observation, inputs, progress, known, by_time=by_time)
 
 
 def reduce_without_rest(
@@ -156,6 +158,8 @@ def reduce_without_rest(
     inputs: RegressorInputs,
     progress: Progress = ignore_progress,
     known: CachedRows | None = None,
+    *,
+    by_time: bool = True,
 ) -> Reduction:
     """Reduce recordings to the columns of W, without the rows near halts and at rest, which take no part in a fit.
 
@@ -169,10 +173,12 @@ def reduce_without_rest(
         Hears of the share that is done.
     known : CachedRows, optional
         Of leading columns: only those behind them are evaluated.
+    by_time : bool
+        Whether there is a factor for each block of time.
     """
     usable = known if known is not None and _is_extension(observation, inputs.reference, known) else None
     samples_of = _make_sample_reader(usable, observation, None, inputs.preprocessing, inputs.reference)
-    return reduce_recordings(observation, inputs, progress, samples_of, by_phase=True)
+    return reduce_recordings(observation, inputs, progress, samples_of, by_phase=True, by_time=by_time)
 
 
 def _bound_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:

@@ -154,6 +154,12 @@ class RowPhases:
         return replace(self, frictional=frictional, starting=frictional, jumping=np.zeros_like(frictional))
 
     @property
+    def left_out(self) -> tuple[bytes, ...]:
+        """Which instants are taken out before the filter: columns with the same may stand side by side."""
+        masks = (self.starting, self.jumping, self.frictional, self.felt)
+        return tuple(mask.tobytes() for mask in masks if mask is not None)
+
+    @property
     def interrupted_joints(self) -> BoolArray:
         """Joints (n,) out of whose equation instants may be taken before the filter."""
         joints = self.starting | self.jumping

@@ -32,7 +32,7 @@ from dynident.effects import Signals
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase, compute_smear_width
-from dynident.regressors.dynamic_model_rows import FilteredSamples, stream_filtered_samples
+from dynident.regressors.dynamic_model_rows import FilteredSamples, stream_behind_kept_rows
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction, remembers_path, shows_at_starts
@@ -424,12 +424,11 @@ def gather_products(
         )
         # A joint has to be free of sticking in every recording: rows of all of them are added up.
         free &= phases.free
-        if samples_of is None:
-            samples_of_recording: Iterable[FilteredSamples] = stream_filtered_samples(
-                observation, recording, inputs.preprocessing, inputs.reference, phases=phases
-            )
-        else:
-            samples_of_recording = samples_of(recording)
+        samples_of_recording = (
+            stream_behind_kept_rows(observation, inputs, recording, phases)
+            if samples_of is None
+            else samples_of(recording)
+        )
         segment = -1
         for samples in samples_of_recording:
             if samples.segment != segment:

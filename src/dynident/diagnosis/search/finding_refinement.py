@@ -380,7 +380,7 @@ def improve_reference(model: Model, choices: Sequence[EffectChoice], inputs: Reg
     firm = [choice for choice in choices if not get_effect(choice.effect).of_position]
     grown = extend_model(model, firm) if firm else model
     for _ in range(_PASSES):
-        reduction = reduce_recordings(grown.observation, inputs)
+        reduction = reduce_recordings(grown.observation, inputs, by_time=False)
         try:
             inputs = replace(inputs, reference=grown.build_reference(solve_weighted(reduction).values))
         except EstimationError:

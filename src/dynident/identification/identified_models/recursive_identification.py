@@ -50,8 +50,8 @@ from dynident.recordings.recording import Segment, StoredRows
 from dynident.regressors.dynamic_model_rows import FilteredSamples, ObservationRows, stream_filtered_samples
 from dynident.regressors.model_structure import Model, build_model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
-from dynident.regressors.qr_accumulation import choose_block_length
-from dynident.regressors.row_cache import MOST_VALUES, CachedRows
+from dynident.regressors.qr_accumulation import MOST_VALUES, choose_block_length
+from dynident.regressors.row_cache import CachedRows
 from dynident.regressors.row_phases import RowPhases
 from dynident.robot import Robot
 
