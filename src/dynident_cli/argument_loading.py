@@ -19,8 +19,8 @@ from dynident.errors import DynidentError
 from dynident.identification.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import RecordingError, RecordingMetadata
-from dynident.recordings.columns_to_signals import UNKNOWN_COLUMNS
 from dynident.recordings.file_names_and_digests import make_unique_names
+from dynident.recordings.recording_metadata import UNKNOWN_COLUMNS
 from dynident.robot import Robot
 from dynident.robot.description_and_json import set_base
 from dynident.robot.limits_and_drives import check_hardware

@@ -11,14 +11,11 @@ from dynident.array_types import FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.recordings.metadata_revisions import ColumnArrangement
 from dynident.recordings.recording import WRENCH_NAMES, JointKind, RecordedJoints
-from dynident.recordings.recording_metadata import Check, RecordingError, RecordingMetadata
+from dynident.recordings.recording_metadata import UNKNOWN_COLUMNS, Check, RecordingError, RecordingMetadata
 from dynident.recordings.units import JOINT_KINDS, KINDS, find_conversion, find_unit
 
 NOT_RECORDED = "none"
 """What the torque of a joint is mapped to that was not recorded."""
-
-UNKNOWN_COLUMNS = "Unknown columns"
-"""Title of the error for a file in which no joint has a column of a kind, as another logger wrote it."""
 
 
 @dataclass(frozen=True)
@@ -385,9 +382,8 @@ class _ColumnFinder:
 
     def find_all(self, kind: str) -> tuple[Column, ...]:
         """Return the columns of an optional signal of every joint; none if one joint lacks it."""
-        columns = [self.find(kind, joint) for joint in range(len(self.joint_names))]
-        present = tuple(column for column in columns if column is not None)
-        return present if len(present) == len(columns) else ()
+        present = tuple(filter(None, (self.find(kind, joint) for joint in range(len(self.joint_names)))))
+        return present if len(present) == len(self.joint_names) else ()
 
     def find_wrench(self) -> tuple[Column, ...]:
         """Return the six columns of the base's wrench; none if the file has none of them.
@@ -440,12 +436,12 @@ class _ColumnFinder:
                 "gains in N m/rad."
             )
         advice, further = (".", ()) if joint is None else self._advise_without_column(kind, joint)
-        has_others = joint is not None and any(self.find(kind, k) for k in range(len(self.joint_names)))
+        is_known = joint is not None and any(self.find(kind, k) for k in range(len(self.joint_names)))
         return RecordingError(
             f"There is no column {expected} for {signal}{whose}{instead}. The file has: {available}. Name it by "
             f"{remedies[0]}{advice}{hint}",
             pointer=f"/columns/{ours}",
-            title="Missing column" if has_others else UNKNOWN_COLUMNS,
+            title="Missing column" if is_known else UNKNOWN_COLUMNS,
             remedies=(*remedies, *further),
         )
 

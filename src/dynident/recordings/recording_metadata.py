@@ -415,6 +415,10 @@ class Check:
         return f"{self.name.replace('_', ' ')}: {self.detail}"
 
 
+UNKNOWN_COLUMNS = "Unknown columns"
+"""Title of the error for a file in which no joint has a column of a kind, as another logger wrote it."""
+
+
 class RecordingError(DynidentError):
     """A recording that cannot be used as it is.
 
