@@ -281,6 +281,18 @@ def test_the_diagnosis_shows_verdict_ranking_and_evidence() -> None:
         assert candidate.evidence in whole_page().text["diagnosis"]
     drops = whole_page().data_values["diagnosis"][::3]
     assert drops == [candidate.error_drop for candidate in findings().candidates]
+    # Held out means another recording: these errors are of blocks of the same one.
+    caption = "Ranked effects, with relative errors on blocks left out of the fit"
+    assert caption in single_spaced(whole_page().text["diagnosis"])
+    figure = next(text for text in re.findall(r'aria-label="([^"]*by candidate effect[^"]*)"', html()))
+    assert "blocks left out of the fit" in figure
+    assert "held-out" not in figure
+
+
+def test_a_residual_below_the_noise_floor_is_not_said_to_be_impossible() -> None:
+    text = single_spaced(whole_page().text["torque"])
+    assert "The noise floor is an estimate" in text
+    assert "no model can" not in text
 
 
 def test_the_drift_of_a_simulation_is_a_table_and_a_figure() -> None:

@@ -51,8 +51,12 @@ def build_conclusion_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Repor
     return ReportedTable(title, columns, rows, numbers_from=3, notes=tuple(notes), name="conclusion")
 
 
+LEFT_OUT = ", with relative errors on blocks left out of the fit"
+"""What errors in a table of candidates are of: not of the recordings that are held out."""
+
+
 def build_candidate_table(
-    ranked: Iterable[RankedEffect], joints: Sequence[str], title: str = "Ranked effects"
+    ranked: Iterable[RankedEffect], joints: Sequence[str], title: str = f"Ranked effects{LEFT_OUT}"
 ) -> ReportedTable:
     """Return a table of ranked candidates.
 
@@ -254,7 +258,7 @@ def _build_outcome_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Reporte
         for outcome in diagnosis.outcomes
     )
     groups = tuple(get_effect_title(outcome.choice.effect) for outcome in diagnosis.outcomes)
-    columns = ("joints", "drop, held out", "why, or why not")
+    columns = ("joints", "drop on left-out blocks", "why, or why not")
     return ReportedTable("Every effect on every joint", columns, rows, groups=groups, name="outcomes")
 
 
