@@ -177,6 +177,15 @@ def test_a_report_is_found_again_and_jobs_lead_to_their_results(page: Any, two_m
     expect(opened).to_have_attribute("href", content)
     assert len(ask(page, f"/reports?identification_id={plain}")["items"]) == 1
 
+    # On a telephone no sentence of the report lies beside the screen, and the text in figures can be read.
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.goto(content)
+    assert page.locator("#summary .wordy td").count() > 0
+    rights = "(cells) => Math.max(...cells.map((cell) => cell.getBoundingClientRect().right))"
+    assert page.locator(".wordy td:visible, #summary caption").evaluate_all(rights) <= 390
+    assert page.locator("#summary figure > svg").first.bounding_box()["width"] >= 700
+    page.set_viewport_size({"width": 1440, "height": 900})
+
     page.request.post("/v1/diagnoses", data={"identification_id": plain})
     page.goto("/?view=jobs")
     rows = page.locator("#jobs-table tbody tr[data-id]")

@@ -367,8 +367,8 @@ class Evidence(ViewModel):
     )
     error_drop: float | None = Field(
         default=None,
-        description="What the effect explains, as in the ranking: share of the error of its joints on left-out blocks that "
-        "it removes beside everything that ranks above",
+        description="What the effect explains, as in the ranking: share of the error of its joints on left-out blocks "
+        "that it removes beside everything that ranks above",
     )
 
 

@@ -204,7 +204,7 @@ def import_recording(
             *report_base(joints, reactions),
         ]
         if poses is None:
-            are_pauses = has_only_pauses(recording, joints.known_limits)
+            are_pauses = has_only_pauses(recording, sample)
             times = check_time(base, layout.t.source, are_pauses=are_pauses)
             findings += [*times, *source.checks(layout.t.source), *conditioning.checks()]
             checks = run_checks(recording, sample, layout, joints.known_limits, tuple(findings), metadata, against)
