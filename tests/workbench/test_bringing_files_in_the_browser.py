@@ -125,6 +125,9 @@ def test_files_of_single_signals_are_joined_to_one_recording(
     the_robot(page)
     page.set_input_files("#recordings", [str(path) for path in parts])
     expect(page.locator("form.card")).to_have_count(2)
+    # Each button stands before its own explanation, and breaks no sentence.
+    join = page.locator("p", has=page.locator("#join-all"))
+    expect(join).to_have_text("All of them are one recordingif each file has one signal, such as positions or torques")
     page.click("#join-all")
     expect(page.locator("form.card")).to_have_count(1)
     expect(page.locator("form.card strong").first).to_have_text("positions.csv + torques.csv")

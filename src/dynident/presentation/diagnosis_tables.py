@@ -345,7 +345,7 @@ def build_limit_table(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTa
         rows.append(
             (Cell(get_effect_title(effect)), *(Cell(text, is_figures=True) for text in sizes), Cell(where or "–"))
         )
-    columns = ("effect", "would have shown from", "of the usual size", "not in its usual size on")
+    columns = ("effect", "smallest size that shows", "over the usual size", "the usual size does not show on")
     notes = _note_common_effects(diagnosis)
     return ReportedTable("What these data would have shown", columns, tuple(rows), notes=notes, name="limits")
 
@@ -364,7 +364,7 @@ def build_limits_by_joint_table(diagnosis: Diagnosis) -> ReportedTable:
         )
         for limit in diagnosis.detection_limits
     )
-    columns = ("effect", "joint", "parameter", "would have shown from", "of the usual size")
+    columns = ("effect", "joint", "parameter", "smallest size that shows", "over the usual size")
     title = "What these data would have shown in 95 of 100 cases"
     notes = _note_common_effects(diagnosis)
     return ReportedTable(title, columns, rows, numbers_from=3, notes=notes, name="limits_by_joint")
@@ -409,7 +409,9 @@ def format_share(share: float) -> str:
 
 def _format_range(shares: Sequence[float]) -> str:
     low, high = format_share(min(shares)), format_share(max(shares))
-    return low if low == high else f"{low} to {high if math.isfinite(max(shares)) else 'none'}"
+    if not math.isfinite(max(shares)):
+        return f"{low}, or no size shows" if math.isfinite(min(shares)) else "no size shows"
+    return low if low == high else f"{low} to {high}"
 
 
 def _format_sizes(limits: Sequence[DetectionLimit]) -> str:
@@ -421,4 +423,4 @@ def _format_sizes(limits: Sequence[DetectionLimit]) -> str:
         if sizes:
             low, high = format_number(min(sizes), 2), format_number(max(sizes), 2)
             texts.append(f"{low}{words}" if low == high else f"{low} to {high}{words}")
-    return ", ".join(texts) or "no size"
+    return ", ".join(texts) or "–"
