@@ -29,7 +29,7 @@ _MESSAGE = 40
 _WIDE = 120
 
 
-class SentenceConsole(Console):
+class _SentenceConsole(Console):
     """A console that breaks lines between words only: a path or a command stays whole, to be copied."""
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -41,12 +41,14 @@ class SentenceConsole(Console):
 
 def result_console() -> Console:
     """Return the console for results, names of users in them as they are; into a file or a pipe lines may be longer."""
-    return SentenceConsole(file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
+    return _SentenceConsole(
+        file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE
+    )
 
 
 def message_console() -> Console:
     """Return the console for everything else."""
-    return SentenceConsole(file=sys.stderr, markup=False, highlight=False)
+    return _SentenceConsole(file=sys.stderr, markup=False, highlight=False)
 
 
 def print_json(document: Mapping[str, object]) -> None:
