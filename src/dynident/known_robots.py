@@ -83,6 +83,6 @@ def locate_robot(text: str) -> Path | None:
         names = (*list_library_arms(), *sorted(stock))
         if not stock:
             names = (*names, f"and, after `pip install {_STOCK_PACKAGE}`, its robots, such as so101")
-        detail = f"there is neither a file nor a well-known robot {text!r}{suggest_names(text, names)}"
-        detail += f" The robots are: {', '.join(names)}"
+        nearest = suggest_names(text, names) or "."
+        detail = f"there is neither a file nor a well-known robot {text!r}{nearest} The robots are: {', '.join(names)}."
     raise DynidentError(detail, pointer="ROBOT", title="Unknown robot")

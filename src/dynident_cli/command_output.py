@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
@@ -29,14 +29,26 @@ _MESSAGE = 40
 _WIDE = 120
 
 
+class _SentenceConsole(Console):
+    """A console that breaks lines between words only: a path or a command stays whole, to be copied."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print objects as `rich` does; words that are longer than a line go beyond its end."""
+        if all(isinstance(item, str) for item in objects):
+            options = {"overflow": "ignore", "crop": False, **options}
+        super().print(*objects, **options)
+
+
 def result_console() -> Console:
     """Return the console for results, names of users in them as they are; into a file or a pipe lines may be longer."""
-    return Console(file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
+    return _SentenceConsole(
+        file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE
+    )
 
 
 def message_console() -> Console:
     """Return the console for everything else."""
-    return Console(file=sys.stderr, markup=False, highlight=False)
+    return _SentenceConsole(file=sys.stderr, markup=False, highlight=False)
 
 
 def print_json(document: Mapping[str, object]) -> None:

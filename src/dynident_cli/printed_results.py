@@ -329,6 +329,9 @@ def show_series(console: Console, series: Series, robot: Robot) -> None:
         console.print(f"  Missing in the model on all days: {both}")
 
 
+_DISPENSABLE = ("farthest", "time")
+"""Columns of the table of methods that are left out where it is still too wide."""
+
 _VERDICT_STYLES = {"pass": "bold green", "fail": "bold red", "not_evaluated": "bold"}
 
 
@@ -341,9 +344,18 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
         short = by_number if _table_width(reported_table) > console.width else {}
         # Only names of joints are shortened; other heads stay as they are.
         columns = tuple(short.get(column, column) for column in reported_table.columns)
-        print_tables(console, [replace(reported_table, columns=columns)])
-        if columns != reported_table.columns:
+        table = replace(reported_table, columns=columns)
+        # Where that is still too wide, columns go: figures are never wrapped, and names would be letter by letter.
+        numbers = tuple(short.values()) if "all joints" in columns else ()
+        drops = ((), _DISPENSABLE, numbers, (*numbers, *_DISPENSABLE))
+        narrow = next((drop for drop in drops if _table_width(table.drop_columns(*drop)) <= console.width), drops[-1])
+        print_tables(console, [table.drop_columns(*narrow)])
+        if columns != reported_table.columns and "1" not in narrow:
             console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.")
+        lost = [column for column in columns if column in narrow and column not in numbers]
+        lost += ["the errors of each joint"] if "1" in narrow else []
+        if lost:
+            console.print(f"  Too wide for this terminal: {', '.join(lost)}. --json and reports have them.")
     console.print(VALIDATION_WORDS[result.verdict].words, style=_VERDICT_STYLES[result.verdict])
     console.print(result.reason)
 

@@ -236,8 +236,8 @@ Effects = Annotated[
     repeatable_option(
         "--effects",
         metavar="EFFECT,…",
-        help="Effects of the catalogue: `default,offset` or `stribeck@joint1+joint2:vs=0.05`; `default` stands for "
-        "rigid_body,rotor_inertia,coulomb,viscous.",
+        help="Effects of the catalogue: `default,offset`, right for recordings of a real robot, or "
+        "`stribeck@joint1+joint2:vs=0.05`; `default` stands for rigid_body,rotor_inertia,coulomb,viscous.",
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result.")]

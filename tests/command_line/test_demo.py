@@ -86,6 +86,12 @@ def test_its_files_tell_the_same_story_by_hand(tmp_path: Path) -> None:
         assert again.code == 0, again.err
     recommended = json.loads((tmp_path / "my_diagnosis.json").read_text())["recommended"]
     assert hidden["effect"] in {choice["effect"] for choice in recommended}
+    # To the end: where the error falls, and the report of it.
+    first, better = (from_bytes((tmp_path / f"my_{name}.npz").read_bytes()) for name in ("model", "better"))
+    assert first.held_out_moving is not None
+    assert better.held_out_moving is not None
+    assert better.held_out_moving.relative_total < first.held_out_moving.relative_total
+    assert "<svg" in (tmp_path / "my_report.html").read_text(encoding="utf-8")
 
 
 def test_the_same_seed_hides_the_same_and_another_seed_something_else() -> None:

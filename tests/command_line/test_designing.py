@@ -72,13 +72,21 @@ def test_a_folder_of_meshes_that_is_not_there_is_refused(tmp_path: Path) -> None
     assert "there is no folder" in answer.err
 
 
-def test_a_mesh_that_is_not_found_is_warned_of_in_plain_sight(tmp_path: Path) -> None:
+def test_a_mesh_that_is_not_found_is_warned_of_in_plain_sight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = urdf_from_robot(robot_from_library("scara"))
-    mesh = '<collision><geometry><mesh filename="package://scara/quill.stl"/></geometry></collision></link>'
+    path = f"package://scara/{'a_long_folder/' * 8}quill.stl"
+    mesh = f'<collision><geometry><mesh filename="{path}"/></geometry></collision></link>'
+    monkeypatch.setenv("COLUMNS", "80")
     (tmp_path / "arm.urdf").write_text(text.replace("</link>", mesh, 1))
     answer = dynident("design", tmp_path / "arm.urdf", *QUICK, "-o", tmp_path / "t.csv", "--json")
     assert answer.code == 0, answer.err
     assert "warning: COLLISION IS NOT CHECKED" in answer.err
+    # No path is broken, though it is longer than a line.
+    assert path in answer.err
+    notes = answer.document["notes"]
+    assert (
+        "Self-collision is not checked: the robot's description has no collision geometry that could be read." in notes
+    )
     assert "Give the meshes: --meshes FOLDER." in " ".join(answer.err.split())
 
 
@@ -138,3 +146,12 @@ def test_the_values_of_a_simulated_effect_are_told_as_the_option_takes_them(tmp_
     (line,) = re.findall(r"in it: (stribeck@elbow:\S+)", told.out)
     again = dynident("simulate", "scara", "--effects", line, *stated)
     assert line in again.out
+
+
+def test_a_random_motion_is_not_compared_with_itself(tmp_path: Path) -> None:
+    answer = dynident("design", "scara", "--kind", "random", "--seed", 1, "-o", tmp_path / "t.csv")
+    assert answer.code == 0, answer.err
+    said = " ".join(answer.out.split())
+    assert "this motion, the best of 100 random motions" in said
+    assert re.search(r"Condition number [\d.]+, the best of 100 random motions, whose median is [\d ]+", said)
+    assert said.count("best of 100 random motions") == 2

@@ -37,7 +37,7 @@ def test_the_version_is_told_without_loading_the_science() -> None:
     ("arguments", "told"),
     [
         (["identify", "ur10", "nowhere.csv"], "there is no file nowhere.csv"),
-        (["identify", "nobody", "nowhere.csv"], "neither a file nor a well-known robot 'nobody'"),
+        (["identify", "nobody", "nowhere.csv"], "neither a file nor a well-known robot 'nobody'. The robots are: "),
         (["identify", "ur10", __file__, "--friction", "nowhere.csv"], "there is no file nowhere.csv"),
         (["extend", "nowhere.npz", "run1.csv"], "there is no file nowhere.npz"),
         (["changes", __file__, "--before", __file__, "--after", "nowhere.csv"], "there is no file nowhere.csv"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -194,3 +195,31 @@ def test_joints_with_long_names_leave_room_for_the_names_of_methods(desk: Path, 
     shown = dynident(*asked, "--methods", "wls,ols").out
     assert "dynamic" in shown
     assert f"Joints: 1 {ROBOT.joint_names[0]}, 2 {ROBOT.joint_names[1]}" in shown
+
+
+def test_a_table_of_methods_that_is_too_wide_loses_columns_and_no_method_is_broken(
+    desk: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("dynident_cli.command_output._WIDE", 74)
+    asked = ["validate", desk / "model.npz", "methods", desk / "run1.csv", "-v", desk / "run2.csv"]
+    shown = dynident(*asked, "--methods", "wls,ols,sequential/wrist_then_shoulder").out
+    for method in ("dynamic, global, wls", "dynamic, global, ols", "dynamic, wrist then shoulder, wls"):
+        assert re.search(rf"^{method} .*%", shown, re.MULTILINE), shown
+    assert "farthest, time, the errors of each joint. --json and reports have them" in " ".join(shown.split())
+
+
+def test_the_table_of_a_validation_has_the_errors_of_its_sentence(desk: Path):
+    """Both are of the rows where each joint moves."""
+    asked = ["validate", desk / "model.npz", "cross", desk / "run2.csv", desk / "run1.csv"]
+    document = dynident(*asked, "--json").document
+    errors = document["total"]
+    moving = [*errors["moving"]["relative"], errors["moving"]["relative_total"]]
+    shown = dynident(*asked).out
+    assert "Relative torque error while each joint moves" in shown
+    (row,) = (line for line in shown.splitlines() if line.startswith("all "))
+    assert [float(number) for number in re.findall(r"[\d.]+(?=\s%)", row)] == pytest.approx(
+        [100 * error for error in moving], rel=6e-3
+    )
+    assert f"is {100 * moving[-1]:.1f}\u202f%" in document["reason"]
+    # Otherwise this would hold of the errors on all rows, too.
+    assert moving != pytest.approx([*errors["relative"], errors["relative_total"]], rel=6e-3)

@@ -163,6 +163,15 @@ def test_the_figure_has_all_effects_and_the_table_one_row_an_effect(clean):
     assert [row[0] for row in rows] == list(
         dict.fromkeys(get_effect(item.effect).title for item in clean.detection_limits)
     )
+    # What shows on no joint, whatever its size, and what shows on one of two.
+    limits = [item for item in clean.detection_limits if item.effect == clean.detection_limits[0].effect][:2]
+    blind = [replace(item, size=math.inf) for item in limits]
+    for own, words in (
+        (blind, "no size shows"),
+        ([replace(limits[0], size=1.2 * limits[0].usual), blind[1]], "1.2 ×, or no size shows"),
+    ):
+        table = build_limit_table(replace(clean, detection_limits=tuple(own)), ROBOT.joint_names)
+        assert table.texts[0][2] == words
     shares = {0.123: "12\u202f%", 1.0: "1 ×", 3.21: "3.2 ×", 45.6: "46 ×", math.inf: "–"}
     assert {share: format_share(share) for share in shares} == shares
 

@@ -263,7 +263,10 @@ def test_an_arm_on_its_own_floor_keeps_the_clearance_that_its_first_links_can_ha
 
 def test_a_robot_without_geometry_says_so_and_a_radius_of_its_links_mends_it(scara):
     design = design_experiment(scara, replace(QUICK, kind="random"))
-    assert "Self-collision is not checked: the robot's description has no collision geometry." in design.notes
+    assert (
+        "Self-collision is not checked: the robot's description has no collision geometry that could be read."
+        in design.notes
+    )
     with pytest.raises(DynidentError, match="no collision geometry") as caught:
         design_experiment(scara, replace(QUICK, surroundings=Surroundings(floor=-0.5)))
     assert caught.value.pointer == "/surroundings"

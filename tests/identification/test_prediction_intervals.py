@@ -77,6 +77,9 @@ def test_a_motion_without_acceleration_is_said_to_leave_combinations_undetermine
     assert any("determined" in sentence and "times less" in sentence for sentence in poor.sentences) or any(
         "determined only together" in sentence for sentence in poor.sentences
     )
+    (pair,) = good.dependence.pairs
+    together = "their difference" if pair.correlation > 0 else "their sum"
+    assert f"Each divided by its standard deviation, {together} is known better than either." in good.sentences[-1]
     assert poor.correlation.shape == (len(poor.names), len(poor.names))
     np.testing.assert_allclose(np.diag(poor.correlation), 1.0)
 

@@ -287,6 +287,23 @@ def test_runs_with_a_long_pause_between_them_in_one_file_are_taken_as_two(tmp_pa
     assert next(check for check in checks if check.name == "gaps").status == "warning"
 
 
+@pytest.mark.parametrize(("pause", "status"), [(60.0, "ok"), (0.5, "warning")])
+def test_a_pause_at_standstill_between_two_repetitions_is_no_lost_sample(tmp_path, pause, status):
+    once = motion()
+    t = once["t"]
+    # From rest to rest, as a designed motion begins and ends.
+    rest = np.clip(4.0 * np.minimum(t, t[-1] - t) / t[-1], 0.0, 1.0) ** 3
+    once |= {name: values * rest for name, values in once.items() if name.startswith("q")}
+    columns = {name: np.concatenate([values, values]) for name, values in once.items()}
+    columns["t"] = np.concatenate([t, t + t[-1] + pause])
+    recording, checks = imported(write_parquet(tmp_path / "run.parquet", columns))
+    assert len(recording.segments) == 2
+    gap = next(check for check in checks if check.name == "gaps")
+    assert gap.status == status
+    assert ("while the robot stands" in gap.detail) == (status == "ok")
+    assert ("dropping" in gap.detail) == (status == "warning")
+
+
 def test_short_pieces_between_gaps_are_refused_with_how_much_of_the_time_is_lost(tmp_path):
     columns = {name: values[np.arange(len(values)) % 250 < 150] for name, values in motion().items()}
     with pytest.raises(RecordingError, match=r"Gaps take 38\s% of the time \(gaps: 11\)"):

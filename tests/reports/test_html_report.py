@@ -33,6 +33,7 @@ from dynident.reports.figures.signals_over_time import draw_torque
 from dynident.reports.sections import accuracy
 from dynident.robot import Joint, Robot
 from dynident.validation import Drift
+from dynident.verdict import verdict
 
 PLAIN = arm("scara")
 NASTY = '<script>alert("x")</script> & $\\frac{1}$'
@@ -281,6 +282,26 @@ def test_the_diagnosis_shows_verdict_ranking_and_evidence() -> None:
         assert candidate.evidence in whole_page().text["diagnosis"]
     drops = whole_page().data_values["diagnosis"][::3]
     assert drops == [candidate.error_drop for candidate in findings().candidates]
+    # Held out means another recording: these errors are of blocks of the same one.
+    caption = "Ranked effects, with relative errors on blocks left out of the fit"
+    assert caption in single_spaced(whole_page().text["diagnosis"])
+    figure = next(text for text in re.findall(r'aria-label="([^"]*by candidate effect[^"]*)"', html()))
+    assert "blocks left out of the fit" in figure
+    assert "held-out" not in figure
+
+
+def test_a_residual_below_the_noise_floor_is_not_said_to_be_impossible() -> None:
+    text = single_spaced(whole_page().text["torque"])
+    assert "The noise floor is an estimate" in text
+    assert "no model can" not in text
+
+
+def test_a_verdict_is_green_only_where_every_use_is_fit_without_limit() -> None:
+    states = {use.state for use in verdict(second_model()).uses}
+    # Fit for something and not judged for something else: not all is well.
+    assert "yes" in states or "limited" in states
+    assert states != {"yes"}
+    assert '<div class="box warning" role="note" aria-label="Verdict">' in html()
 
 
 def test_the_drift_of_a_simulation_is_a_table_and_a_figure() -> None:

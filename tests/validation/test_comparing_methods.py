@@ -73,11 +73,22 @@ def test_the_torque_deviation_is_that_of_drawn_parameters(identified, training, 
 
 def test_a_method_that_is_worse_but_no_more_than_it_says_does_not_disagree(identified, training, unseen):
     """The single equation of the power model tells less of the same motion."""
-    table = validate_methods(identified, [training], [unseen], [Method(), Method(model="power")])
-    power = table.results[1]
-    assert power.torque_deviation > 3 * table.results[0].torque_deviation
+    methods = [Method(), Method(estimator="ols"), Method(model="power")]
+    table = validate_methods(identified, [training], [unseen], methods)
+    first, second, power = table.results
+    assert power.torque_deviation > 3 * first.torque_deviation
     assert power.torque_distance < 2 * power.torque_deviation
     assert table.judged.verdict == "pass", table.judged.reason
+    # Far worse, but by no more than its uncertainty: it is named as useless, and its error is none of the range.
+    squares = 2500.0 * power.held_out_moving.squares
+    moving = replace(power.held_out_moving, squares=squares)
+    useless = replace(power, held_out_moving=moving, torque_distance=0.3, torque_deviation=0.4)
+    named = f"power, global, wls ({format_percent(moving.relative_total, decimals=1)}, own uncertainty 40.0\u202f%)"
+    judged = judge_methods(identified, [first, second, useless], held_out=True)
+    assert judged.verdict == "pass"
+    assert judged.reason.startswith("2 methods predict")
+    assert f"within their own uncertainty on these data: {named}" in judged.reason
+    assert judge_methods(identified, [first, useless], held_out=True).verdict == "not_evaluated"
 
 
 def test_a_method_that_cannot_be_used_has_its_reason_in_the_table(identified, training, unseen):

@@ -32,6 +32,15 @@ def test_a_robot_is_called_by_its_own_name_and_a_pasted_row_fills_its_gains(firs
     page.fill("#robot-name", "mine")
     page.fill("#robot-description", URDF.replace("two_links", "other"))
     expect(page.locator("#robot-name")).to_have_value("mine")
+    # Few recordings have currents: the table of gains is folded, and the button is in sight without scrolling.
+    expect(page.locator("[data-gain-of=shoulder]")).to_be_hidden()
+    box = page.locator("#create-robot").bounding_box()
+    assert box["y"] + box["height"] <= page.viewport_size["height"]
+    # What is wrong in it unfolds it.
+    page.evaluate("document.querySelector('[data-gain-of=shoulder]').value = '0'")
+    page.click("#create-robot")
+    expect(page.locator("#new-robot .complaint")).to_be_visible()
+    expect(page.locator("[data-gain-of=shoulder]")).to_be_focused()
     paste(page, "[data-gain-of=shoulder]", "14.9, 13.3")
     gains = [page.input_value(f"[data-gain-of={joint}]") for joint in ("shoulder", "elbow")]
     assert gains == ["14.9", "13.3"]
@@ -116,6 +125,9 @@ def test_files_of_single_signals_are_joined_to_one_recording(
     the_robot(page)
     page.set_input_files("#recordings", [str(path) for path in parts])
     expect(page.locator("form.card")).to_have_count(2)
+    # Each button stands before its own explanation, and breaks no sentence.
+    join = page.locator("p", has=page.locator("#join-all"))
+    expect(join).to_have_text("All of them are one recordingif each file has one signal, such as positions or torques")
     page.click("#join-all")
     expect(page.locator("form.card")).to_have_count(1)
     expect(page.locator("form.card strong").first).to_have_text("positions.csv + torques.csv")

@@ -163,6 +163,42 @@ def test_a_job_has_its_log_and_a_model_is_deleted_for_good(page: Any, two_models
     assert page.request.get(f"/v1/identifications/{extra}").status == 404
 
 
+def test_a_report_is_found_again_and_jobs_lead_to_their_results(page: Any, two_models: dict[str, str]) -> None:
+    plain = two_models["plain"]
+    page.goto(f"/?identification={plain}")
+    page.get_by_role("button", name="Report", exact=True).click()
+    # Away before it is written: it is there afterwards, without being asked for again.
+    page.get_by_text("Writing the report").wait_for()
+    page.goto("/?view=models")
+    page.goto(f"/?identification={plain}")
+    opened = page.get_by_role("link", name="Open the report")
+    content = opened.get_attribute("href")
+    page.reload()
+    expect(opened).to_have_attribute("href", content)
+    assert len(ask(page, f"/reports?identification_id={plain}")["items"]) == 1
+
+    # On a telephone no sentence of the report lies beside the screen, and the text in figures can be read.
+    page.set_viewport_size({"width": 390, "height": 800})
+    page.goto(content)
+    assert page.locator("#summary .wordy td").count() > 0
+    rights = "(cells) => Math.max(...cells.map((cell) => cell.getBoundingClientRect().right))"
+    assert page.locator(".wordy td:visible, #summary caption").evaluate_all(rights) <= 390
+    assert page.locator("#summary figure > svg").first.bounding_box()["width"] >= 700
+    page.set_viewport_size({"width": 1440, "height": 900})
+
+    page.request.post("/v1/diagnoses", data={"identification_id": plain})
+    page.goto("/?view=jobs")
+    rows = page.locator("#jobs-table tbody tr[data-id]")
+    expect(rows.filter(has_text="diagnosis").locator(".mark.succeeded")).to_have_count(1)
+    expect(rows.get_by_role("link", name="report", exact=True)).to_have_attribute("href", content)
+    rows.get_by_role("link", name="diagnosis", exact=True).click()
+    expect(page.get_by_role("tab", name="Missing")).to_have_attribute("aria-selected", "true")
+    assert f"identification={plain}" in page.url
+    page.go_back()
+    rows.get_by_role("link", name="comparison", exact=True).first.click()
+    expect(page.get_by_role("tab", name="Compare")).to_have_attribute("aria-selected", "true")
+
+
 def test_a_robot_that_models_rest_on_is_not_deleted_and_the_page_says_what_to_do(
     page: Any, two_models: dict[str, str]
 ) -> None:

@@ -83,5 +83,8 @@ def test_an_estimator_brings_the_fields_of_its_options_with_it(page: Any, record
     body = asked(page, "identifications", "#run")
     assert body["known"] == {"Ia2": 0.29, "Fc1": 3}
     assert (body["estimator"], body["patience"]) == ({"name": "tempered", "power": 2.5}, 4)
-    # The effects that are marked are those of the contract.
-    assert [one["effect"] for one in body["effects"]] == ["rigid_body", "rotor_inertia", "coulomb", "viscous"]
+    # The effects that are marked are those of the contract for recordings of a real robot, and of the README.
+    marked = [one["effect"] for one in body["effects"]]
+    assert sorted(marked) == sorted(["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"])
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    assert "--effects default,offset" in readme

@@ -83,6 +83,14 @@ def test_the_whole_story_can_be_done_in_the_browser(
     evidence.screenshot(path=tmp_path / "3_evidence.png")
     floor = ask(page, f"/diagnoses?identification_id={before}")["items"][0]["result"]["noise_floor"]
     assert value_in(page, "#error-table", "elbow", 6) == floor[1]
+    # What is open stands there as a question, with the effects that it is about.
+    asked = page.locator("#open-questions li")
+    doubts = ask(page, f"/diagnoses?identification_id={before}")["items"][0]["result"]["doubts"]
+    titles = {one["id"]: one["title"] for one in ask(page, "/effects")["items"]}
+    expect(asked).to_have_count(len(doubts))
+    for line, doubt in zip(asked.all(), doubts, strict=True):
+        for choice in (doubt["suspect"], *doubt["rivals"]):
+            expect(line).to_contain_text(titles[choice["effect"]])
     page.click("#next-experiment")
     expect(page.get_by_text("Next experiment.")).to_be_visible(timeout=60_000)
     page.screenshot(path=tmp_path / "3_diagnosed.png", full_page=True)

@@ -81,14 +81,16 @@ class Outcome(ViewModel):
     joints: Annotated[list[str], SourcePath("choice.joints")]
     shape_parameters: Annotated[dict[str, float], SourcePath("choice.shape")] = Field(default={})
     runs: Annotated[list[str], SourcePath("choice.runs")] = Field(default=[])
-    error_drop: float | None = Field(description="Share of the held-out error that it removes beside all findings")
+    error_drop: float | None = Field(
+        description="Share of the error on blocks left out of the fit that it removes beside all findings"
+    )
     reason: Reason
 
 
 class Candidate(ViewModel):
     """A family of effects with its best joints and shape constants.
 
-    Errors are relative, held out, on these joints, and beside everything that ranks above.
+    Errors are relative, on blocks left out of the fit, of these joints, and beside everything that ranks above.
     """
 
     rank: int
@@ -365,8 +367,8 @@ class Evidence(ViewModel):
     )
     error_drop: float | None = Field(
         default=None,
-        description="What the effect explains, as in the ranking: share of the held-out error of its joints that it "
-        "removes beside everything that ranks above",
+        description="What the effect explains, as in the ranking: share of the error of its joints on left-out blocks "
+        "that it removes beside everything that ranks above",
     )
 
 

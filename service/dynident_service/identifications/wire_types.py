@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from dynident.effects.effect_choices import DEFAULT_EFFECTS
+from dynident.effects.effect_choices import DEFAULT_EFFECTS, OFFSETS
 from dynident.export.export_request import ExportChoices
 from dynident.identification.identification_choices import EssentialChoices, IdentificationChoices
 from dynident.recordings.recording_metadata import Filters
@@ -61,7 +61,12 @@ class IdentificationRequest(NamedRequest):
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MOST_RECORDINGS)]
     validation_ids: list[Identifier] = Field(default=[], max_length=MOST_RECORDINGS)
     effects: list[EffectChoice] = Field(
-        default=[EffectChoice(effect=effect.effect) for effect in DEFAULT_EFFECTS], min_length=1, max_length=200
+        default=[EffectChoice(effect=effect.effect) for effect in DEFAULT_EFFECTS],
+        min_length=1,
+        max_length=200,
+        # The torque of a real robot has offsets: its recordings are predicted better with them.
+        examples=[[{"effect": effect.effect} for effect in (*DEFAULT_EFFECTS, OFFSETS)]],
+        description="The example is right for recordings of a real robot, whose torque has an offset",
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 

@@ -72,7 +72,8 @@ def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Seq
                 )
                 for measurement_id, recording_errors in errors_by_id
             ]
-            return _build_result(trial, outcome, measurements=measurements)
+            total = show_errors(outcome.total, outcome.total_moving)
+            return _build_result(trial, outcome, measurements=measurements, total=total)
         case InertiaMatrixValidation():
             return _describe_inertia_matrix(trial, outcome)
         case BootstrapValidation():

@@ -469,4 +469,4 @@ def word_reason(
     if reached.t_value is None or present.t_value is None:
         return f"{text}."
     reaches, is_now = format_number(reached.t_value), format_number(present.t_value)
-    return f"{text}: the value found is {reaches} times that (now {is_now} times)."
+    return f"{text}. The value found would then be {reaches} standard deviations from zero (now {is_now})."

@@ -61,7 +61,7 @@ class DecisionRules:
         "Largest number of findings, without contacts",
         "The search ends when no candidate passes: only who wants fewer sets fewer")
     least_error_drop: float = _declare_level(0.02, "-",
-        "Share of the held-out error, in N m, that an effect must remove on its joints",
+        "Share of the error on left-out blocks, in N m, that an effect must remove on its joints",
         "Nobody would notice less")
     least_gain_over_noise: float = _declare_level(0.08, "-",
         "Power that an effect must remove, as a share of the power of the sensor noise",

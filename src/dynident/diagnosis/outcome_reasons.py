@@ -101,7 +101,7 @@ class CandidateOutcome:
     choice : EffectChoice
         The effect with its joints and the shape constants that fit best there.
     error_drop : float
-        Share of the held-out error that it removes beside everything that was found.
+        Share of the error on blocks left out of the fit that it removes beside everything that was found.
     reason : Reason
         Why it is a finding or not.
     """
@@ -160,12 +160,12 @@ def build_too_small(measure: str, value: float, least: float) -> Reason:
 
 _MEASURES = MappingProxyType(
     {
-        "error": "the held-out error of its joints",
-        "squared_error": "the squared held-out error of the joint that it helps most",
+        "error": "the error of its joints on blocks left out of the fit",
+        "squared_error": "the squared error, on blocks left out of the fit, of the joint that it helps most",
         "noise": "the power of the sensor noise",
         "runs": "the squared error of the runs that it acts in",
         "joint": "the squared error of one of the joints that it has to act on",
-        "moving": "the held-out error where joints move",
+        "moving": "the error on blocks left out of the fit, where joints move",
     }
 )
 """What the size of a candidate is measured against."""

@@ -75,8 +75,8 @@ class Evidence:
         Share of the squares of this joint's residual that the curve removes where it was fitted, beside the model
         alone: it tells which of an effect's joints the figure is to show.
     error_drop : float
-        What the effect explains, as the ranking tells it: the share of the held-out error that it removes on its joints
-        beside all that ranks above it.
+        What the effect explains, as the ranking tells it: the share of the error on left-out blocks that it removes on
+        its joints beside all that ranks above it.
     """
 
     rank: int

@@ -27,14 +27,14 @@ _UNITS = {"position_min": "", "position_max": "", "velocity": "/s", "acceleratio
 def describe_design(design: Design) -> str:
     """Return the length of a motion, its quality beside random motions, and the limit that it comes nearest to."""
     baseline = design.baseline
-    random = (
-        ""
-        if baseline is None
-        else (
-            f"; the best of {format_count(baseline.count, 'random motion')} has "
-            f"{format_number(baseline.best.condition_number)}"
-        )
-    )
+    random = ""
+    if baseline is not None:
+        best = f"the best of {format_count(baseline.count, 'random motion')}"
+        # A random motion is compared with the others alone: it is the best of them.
+        if design.request.kind == "random":
+            random = f", {best}, whose median is {format_number(baseline.median_condition_number)}"
+        else:
+            random = f"; {best} has {format_number(baseline.best.condition_number)}"
     # The limit that is used most: it is the one to relax where the motion is too poor.
     nearest = max(design.margins, key=lambda margin: margin.share)
     return (
@@ -74,12 +74,18 @@ def build_design_tables(robot: Robot, design: Design, most_limits: int | None = 
 
 def _build_quality_table(design: Design) -> ReportedTable:
     values, baseline = design.criterion_values, design.baseline
+    is_random = design.request.kind == "random" and baseline is not None
+    name = f"best of {format_count(baseline.count, 'random motion')}" if baseline is not None else ""
     rows: list[tuple[str, float, float, float | None]] = [
-        ("this motion", values.criterion, values.condition_number, values.smallest_singular_value)
+        (
+            f"this motion, the {name}" if is_random else "this motion",
+            values.criterion,
+            values.condition_number,
+            values.smallest_singular_value,
+        )
     ]
-    if baseline is not None:
+    if baseline is not None and not is_random:
         best = baseline.best
-        name = f"best of {format_count(baseline.count, 'random motion')}"
         rows.append((name, best.criterion, best.condition_number, best.smallest_singular_value))
     cells = [(Cell(name), *map(make_number_cell, numbers)) for name, *numbers in rows]
     if baseline is not None:

@@ -51,8 +51,12 @@ def build_conclusion_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Repor
     return ReportedTable(title, columns, rows, numbers_from=3, notes=tuple(notes), name="conclusion")
 
 
+LEFT_OUT = ", with relative errors on blocks left out of the fit"
+"""What errors in a table of candidates are of: not of the recordings that are held out."""
+
+
 def build_candidate_table(
-    ranked: Iterable[RankedEffect], joints: Sequence[str], title: str = "Ranked effects"
+    ranked: Iterable[RankedEffect], joints: Sequence[str], title: str = f"Ranked effects{LEFT_OUT}"
 ) -> ReportedTable:
     """Return a table of ranked candidates.
 
@@ -254,7 +258,7 @@ def _build_outcome_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Reporte
         for outcome in diagnosis.outcomes
     )
     groups = tuple(get_effect_title(outcome.choice.effect) for outcome in diagnosis.outcomes)
-    columns = ("joints", "drop, held out", "why, or why not")
+    columns = ("joints", "drop on left-out blocks", "why, or why not")
     return ReportedTable("Every effect on every joint", columns, rows, groups=groups, name="outcomes")
 
 
@@ -341,7 +345,7 @@ def build_limit_table(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTa
         rows.append(
             (Cell(get_effect_title(effect)), *(Cell(text, is_figures=True) for text in sizes), Cell(where or "–"))
         )
-    columns = ("effect", "would have shown from", "of the usual size", "not in its usual size on")
+    columns = ("effect", "smallest size that shows", "over the usual size", "the usual size does not show on")
     notes = _note_common_effects(diagnosis)
     return ReportedTable("What these data would have shown", columns, tuple(rows), notes=notes, name="limits")
 
@@ -360,7 +364,7 @@ def build_limits_by_joint_table(diagnosis: Diagnosis) -> ReportedTable:
         )
         for limit in diagnosis.detection_limits
     )
-    columns = ("effect", "joint", "parameter", "would have shown from", "of the usual size")
+    columns = ("effect", "joint", "parameter", "smallest size that shows", "over the usual size")
     title = "What these data would have shown in 95 of 100 cases"
     notes = _note_common_effects(diagnosis)
     return ReportedTable(title, columns, rows, numbers_from=3, notes=notes, name="limits_by_joint")
@@ -405,7 +409,9 @@ def format_share(share: float) -> str:
 
 def _format_range(shares: Sequence[float]) -> str:
     low, high = format_share(min(shares)), format_share(max(shares))
-    return low if low == high else f"{low} to {high if math.isfinite(max(shares)) else 'none'}"
+    if not math.isfinite(max(shares)):
+        return f"{low}, or no size shows" if math.isfinite(min(shares)) else "no size shows"
+    return low if low == high else f"{low} to {high}"
 
 
 def _format_sizes(limits: Sequence[DetectionLimit]) -> str:
@@ -417,4 +423,4 @@ def _format_sizes(limits: Sequence[DetectionLimit]) -> str:
         if sizes:
             low, high = format_number(min(sizes), 2), format_number(max(sizes), 2)
             texts.append(f"{low}{words}" if low == high else f"{low} to {high}{words}")
-    return ", ".join(texts) or "no size"
+    return ", ".join(texts) or "–"

@@ -94,8 +94,8 @@ _ERROR_NOTES = (
     "Relative errors are ‖y − ŷ‖ / ‖y‖ of the filtered, decimated torque: where the joint moves, and on all rows. The "
     "rms is that of rows where it moves, without reversals and standstills. At standstill, only the distance to the "
     "range of static friction counts.",
-    "The noise floor is the residual that the torque sensor's noise alone causes; no model can be better than 1 times "
-    "the floor.",
+    "The noise floor is an estimate of the residual that the noise of the torque alone causes: a ratio near 1, below "
+    "or above, is noise alone.",
     "No held-out data was given: the errors of the fit are smaller than those on other data.",
 )
 

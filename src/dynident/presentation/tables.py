@@ -14,6 +14,9 @@ from dynident.text_and_html_tables import format_text_table, render_table
 # Characters of a line of a head: numbers with their units have about as many.
 _HEAD_WIDTH = 14
 
+# Characters of a cell from which on it holds sentences, which no column of a narrow page has room for.
+_SENTENCE = 60
+
 Mark = Literal["ok", "warning", "error", "plain"]
 
 
@@ -124,6 +127,11 @@ class ReportedTable:
     def is_figures(self, column: int) -> bool:
         """Return whether a column holds numbers, or intervals of them."""
         return any(row[column].value is not None or row[column].is_figures for row in self.rows)
+
+    @property
+    def is_wordy(self) -> bool:
+        """Whether a cell holds sentences: on a narrow page such rows stand below each other, not in columns."""
+        return any(len(text) > _SENTENCE for row in self.texts for text in row)
 
     @property
     def texts(self) -> list[list[str]]:

@@ -196,7 +196,8 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
         rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
         rows += [("all", result.total)] if len(rows) > 1 else []
         cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
-        yield ReportedTable("Relative torque error", ("measurement", *joint_columns), cells)
+        title = "Relative torque error while each joint moves"
+        yield ReportedTable(title, ("measurement", *joint_columns), cells)
     if result.worst_posture is not None:
         # The posture is told so that the user can try it.
         posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in vars(result.worst_posture).items())
@@ -212,7 +213,9 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
             for simulation in result.simulations
         )
         yield ReportedTable(
-            "Simulated against measured torque", ("measurement", "simulated", *joint_columns), torque_rows
+            "Simulated against measured torque, while each joint moves",
+            ("measurement", "simulated", *joint_columns),
+            torque_rows,
         )
         position_rows = tuple(
             (Cell(simulation.name), *make_percent_cells(simulation.position_share))
@@ -242,10 +245,14 @@ def _build_method_tables(methods: Sequence[Any], joint_columns: Sequence[str]) -
     solved_methods = [(method, method.held_out) for method in methods if method.held_out is not None]
     if solved_methods:
         # The best method is marked by its own error, and not by its place in the list.
-        best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
+        totals = [_relative_error_cells(errors, len(joint_columns) - 1)[-1].value for _, errors in solved_methods]
+        best = min(total or 0.0 for total in totals)
         columns = ("method", *joint_columns, "σ apart", "farthest", "torque", "own ±", "time")
         rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
-        title = "Relative held-out error by method; distance of parameters and torque from the first method"
+        title = (
+            "Relative held-out error by method, while each joint moves; distance of parameters and torque from the "
+            "first method"
+        )
         yield ReportedTable(title, columns, rows)
     failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
     if failed_rows:
@@ -333,4 +340,11 @@ def _build_gain_table(payload: Any) -> ReportedTable:
 
 
 def _relative_error_cells(errors: Any, n: int) -> list[Cell]:
-    return make_percent_cells([None] * (n + 1) if errors is None else [*errors.relative, errors.relative_total])
+    """Return the errors that a model is judged by: of each joint where it moves, on all rows if it never does."""
+    if errors is None:
+        return make_percent_cells([None] * (n + 1))
+    moving = getattr(errors, "moving", None)
+    if moving is None or moving.relative_total is None:
+        return make_percent_cells([*errors.relative, errors.relative_total])
+    of_joints = (m if m is not None else a for m, a in zip(moving.relative, errors.relative, strict=True))
+    return make_percent_cells([*of_joints, moving.relative_total])

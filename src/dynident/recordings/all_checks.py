@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -17,8 +18,9 @@ from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata_revisions import adapt_cures
 from dynident.recordings.position_checks import check_motion
-from dynident.recordings.recording import JointLimits, ModelChecks, Recording
+from dynident.recordings.recording import JointLimits, ModelChecks, Recording, Segment
 from dynident.recordings.recording_metadata import Check, RecordingError, RecordingMetadata
+from dynident.recordings.sampling_clock import EDGES
 from dynident.recordings.torque_checks import check_torque
 
 
@@ -99,9 +101,38 @@ def _mark_accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check,
     )
 
 
+def has_only_pauses(recording: Recording, sample: RawSample) -> bool:
+    """Return whether the robot stands before and after every gap, and no gap is short: as between two motions."""
+    if len(recording.segments) < 2:
+        return False
+    rows = max(2, round(_AT_GAP * recording.sampling_rate))
+    steps = np.abs(sample.q[rows - 1 :] - sample.q[: 1 - rows])
+    # Rows of the sample that are far apart in the file, or on both sides of a gap, are no step.
+    lasted = sample.t[rows - 1 :] - sample.t[: 1 - rows]
+    steps = steps[(lasted > 0) & (lasted < 2 * _AT_GAP)]
+    if not len(steps):
+        return False
+    slow = _STANDING * np.percentile(steps, 95, axis=0)
+
+    def moves(segment: Segment, first: int) -> bool:
+        q = np.concatenate([block.q for block in recording.source.rows(segment.first_row + first, rows, rows)])
+        return bool((np.ptp(q, axis=0) > slow).any())
+
+    for before, after in pairwise(recording.segments):
+        pause = after.start_time - before.start_time - before.length / recording.sampling_rate
+        is_short = min(before.length, after.length) < rows or pause < EDGES
+        if is_short or moves(before, before.length - rows) or moves(after, 0):
+            return False
+    return True
+
+
 StopCode = Literal[
     "saturation", "torque_sign", "torque_order", "position_limit", "velocity_limit", "too_slow", "contact"
 ]
+
+_AT_GAP, _STANDING = 0.05, 0.1
+"""s before and after a gap, and the share of its fast steps in as many s that no joint of a robot that pauses moves by:
+in the middle of a motion all joints are hardly so slow at once. A motion may begin or end with the recording."""
 
 _FATAL: tuple[StopCode, ...] = ("saturation", "torque_sign", "torque_order")
 """Checks whose findings no further second of the same run can heal."""

@@ -13,7 +13,7 @@ import numpy as np
 from dynident.array_types import FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings.all_checks import run_checks
+from dynident.recordings.all_checks import has_only_pauses, run_checks
 from dynident.recordings.base_motion import ReactionSource, add_base_pose, find_reactions, report_base
 from dynident.recordings.columns_to_signals import (
     Column,
@@ -204,7 +204,9 @@ def import_recording(
             *report_base(joints, reactions),
         ]
         if poses is None:
-            findings += [*check_time(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
+            are_pauses = has_only_pauses(recording, sample)
+            times = check_time(base, layout.t.source, are_pauses=are_pauses)
+            findings += [*times, *source.checks(layout.t.source), *conditioning.checks()]
             checks = run_checks(recording, sample, layout, joints.known_limits, tuple(findings), metadata, against)
         else:
             checks = (*findings, *report_poses(poses, base))

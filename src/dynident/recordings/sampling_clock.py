@@ -393,9 +393,9 @@ class TimeScan:
             self._worst = float(off.max()), int(ends[off.argmax()])
 
 
-def check_time(base: TimeBase, column: str) -> list[Check]:
-    """Report jitter, gaps and repeated stamps of the time column."""
-    return [_check_jitter(base, column), _check_gaps(base, column), _check_repeated(base, column)]
+def check_time(base: TimeBase, column: str, *, are_pauses: bool) -> list[Check]:
+    """Report jitter, gaps and repeated stamps of the time column; pauses at standstill are no lost samples."""
+    return [_check_jitter(base, column), _check_gaps(base, column, are_pauses), _check_repeated(base, column)]
 
 
 def _check_jitter(base: TimeBase, column: str) -> Check:
@@ -450,7 +450,7 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
     )
 
 
-def _check_gaps(base: TimeBase, column: str) -> Check:
+def _check_gaps(base: TimeBase, column: str, are_pauses: bool) -> Check:
     if not base.n_gaps:
         return Check("gaps", "ok", f"No step of t is longer than {GAP_PERIODS:g} periods.")
     first = base.gaps[0]
@@ -475,16 +475,15 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
             remedies=(remedy,),
         )
     more = f" and {base.n_gaps - 1} more (the next at {format_time(base.gaps[1].start)} s)" if base.n_gaps > 1 else ""
-    return Check(
-        "gaps",
-        "warning",
-        f"There are no samples for {first.length:.4g} s after t = {format_time(first.start)} s (row {first.row}){more}."
-        " The recording is split there, and no filter runs across the gap; the filter loses about a second on either "
-        "side. If possible, record without dropping samples.",
-        column,
-        first.row,
-        first.start,
-    )
+    start = f"t = {format_time(first.start)} s (row {first.row})"
+    pause = f"There are no samples for {first.length:.4g} s after {start}{more}"
+    detail = f"{pause}, while the robot stands. The recording is split there, like files of their own."
+    if not are_pauses:
+        detail = (
+            f"{pause}. The recording is split there, and no filter runs across the gap; the filter loses about a "
+            "second on either side. If possible, record without dropping samples."
+        )
+    return Check("gaps", "ok" if are_pauses else "warning", detail, column, first.row, first.start)
 
 
 def _check_repeated(base: TimeBase, column: str) -> Check:

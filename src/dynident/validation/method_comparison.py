@@ -283,7 +283,7 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
     Returns
     -------
     ValidationOutcome
-        Pass, fail, or not evaluated with fewer than two results; and the reason.
+        Pass, fail, or not evaluated with fewer than two results to compare; and the reason.
     """
     solved = [result for result in results if result.held_out is not None]
     if len(solved) < 2:
@@ -294,34 +294,42 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
     on = "on held-out data" if held_out else "on the identification's own data"
     totals = [result.held_out_judged.relative_total for result in solved if result.held_out_judged is not None]
     best = min(totals)
-    # Worse only counts against the model where the method minimises what is compared, the torque errors.
-    worse = [
-        f"{result.method.words} ({format_percent(total, decimals=1)})"
-        for result, total in zip(solved, totals, strict=True)
-        if total > _AS_GOOD * best
-        and not _is_explained_by_uncertainty(result)
-        and _is_comparable(identification, result)
-    ]
-    others = [
-        f"{result.method.words} ({format_percent(total, decimals=1)})"
-        for result, total in zip(solved, totals, strict=True)
-        if total > _AS_GOOD * best
-        and not _is_explained_by_uncertainty(result)
-        and not _is_comparable(identification, result)
-    ]
+    # Only methods that minimise what is compared, the torque errors, and that these data determine well enough, count.
+    compared: list[tuple[MethodResult, float]] = []
+    worse, others, uncertain = [], [], []
+    for result, total in zip(solved, totals, strict=True):
+        words = f"{result.method.words} ({format_percent(total, decimals=1)})"
+        if total <= _AS_GOOD * best:
+            compared.append((result, total))
+        elif _is_explained_by_uncertainty(result):
+            own = format_percent(result.torque_deviation or 0.0, decimals=1)
+            uncertain.append(f"{words.removesuffix(')')}, own uncertainty {own})")
+        elif _is_comparable(identification, result):
+            compared.append((result, total))
+            worse.append(words)
+        else:
+            others.append(words)
     far = [
         f"{result.method.words} ({result.distance_rms:.1f}, most in {identification.model.kept[result.farthest].name})"
-        for result in solved
+        for result, _ in compared
         if result.distance_rms is not None and result.farthest is not None and result.distance_rms > _FAR
         if _is_comparable(identification, result)
     ]
-    range_text = (
-        f"{len(solved)} methods predict {on} with errors from {format_percent(best, decimals=1)} to "
-        f"{format_percent(max(totals), decimals=1)}"
-    )
     aside = ""
+    if uncertain:
+        # Neither for nor against the model: their own parameters are too uncertain on these data.
+        aside += (
+            " No evidence, because their larger error is within their own uncertainty on these data: "
+            f"{', '.join(uncertain)}."
+        )
     if others:
-        aside = f" The larger error of {', '.join(others)} comes from its equations on these data, not from the model."
+        aside += f" The larger error of {', '.join(others)} comes from its equations on these data, not from the model."
+    if len(compared) < 2:
+        return ValidationOutcome("not_evaluated", f"Fewer than two methods can be compared.{aside}")
+    range_text = (
+        f"{len(compared)} methods predict {on} with errors from {format_percent(best, decimals=1)} to "
+        f"{format_percent(max(total for _, total in compared), decimals=1)}"
+    )
     if not worse and not far:
         return ValidationOutcome(
             "pass",
@@ -337,7 +345,7 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
         complaints.append(
             f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}"
         )
-    return ValidationOutcome("fail", f"{range_text}; {'; '.join(complaints)}.")
+    return ValidationOutcome("fail", f"{range_text}; {'; '.join(complaints)}.{aside}")
 
 
 def _is_comparable(identification: Identification, result: MethodResult) -> bool:

@@ -312,11 +312,14 @@ def print_files(console: Console, robot: Robot, runs: Sequence[MeasuredRun], fol
     """Print where the files are, and how to repeat the analysis by hand."""
     _print_heading(console, "Files")
     console.print(f"{folder}/report.html shows all of this with figures; model.npz is the last model.")
-    training = [str(run.path) for run in runs[:-1]]
+    data = [*(str(run.path) for run in runs[:-1]), "-v", str(runs[-1].path)]
     console.print("The same by hand, from the files only:")
+    diagnosed = ["--diagnosis", "my_diagnosis.json"]
     for words in (
-        ["identify", robot.name, *training, "-v", str(runs[-1].path), "-o", "my_model.npz"],
-        ["diagnose", "my_model.npz", *training, "-o", "my_diagnosis.json"],
+        ["identify", robot.name, *data, "-o", "my_model.npz"],
+        ["diagnose", "my_model.npz", *data, "-o", "my_diagnosis.json"],
+        ["extend", "my_model.npz", *data, *diagnosed, "-o", "my_better.npz"],
+        ["report", "my_better.npz", *data, *diagnosed, "-o", "my_report.html"],
     ):
         console.print(f"  {shlex.join(['dynident', *words])}", soft_wrap=True, style="cyan", markup=False)
     console.print(f"Everything took {seconds:.1f} s.")

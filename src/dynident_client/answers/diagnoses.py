@@ -188,8 +188,8 @@ class Evidence(TypedDict):
     effect: str
     effort_unit: str
     error_drop: float | None
-    """What the effect explains, as in the ranking: share of the held-out error of its joints that it removes beside
-    everything that ranks above"""
+    """What the effect explains, as in the ranking: share of the error of its joints on left-out blocks that it removes
+    beside everything that ranks above"""
     explained: float | None
     """Share of the squared residual of this joint that the curve removes where it was fitted, beside the model alone"""
     fitted: list[float]
@@ -272,7 +272,7 @@ class Outcome(TypedDict):
 
     effect: str
     error_drop: float | None
-    """Share of the held-out error that it removes beside all findings"""
+    """Share of the error on blocks left out of the fit that it removes beside all findings"""
     joints: list[str]
     reason: Reason
     runs: list[str]

@@ -104,10 +104,10 @@ def _compute_motion_statistics(identification: Identification) -> Statistics:
 def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
     first_name, second_name = names[pair.first], names[pair.second]
     # A negative correlation leaves the sum certain, a positive one the difference.
-    rather = "their sum" if pair.correlation < 0 else "their difference"
+    rather = "sum" if pair.correlation < 0 else "difference"
     return (
-        f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}): the "
-        f"motion shows {rather}, each in units of its own uncertainty, better than either parameter."
+        f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}). Each "
+        f"divided by its standard deviation, their {rather} is known better than either."
     )
 
 

@@ -46,6 +46,8 @@ from dynident.robot.forward_kinematics import tool_path
 from dynident.robot.json_fields import join_names
 from dynident.robot.robot_model import Robot
 
+# It may have some, in meshes that are missing: another note names these.
+_NO_GEOMETRY = "no collision geometry that could be read"
 # Random postures from which it is judged which pairs come near each other.
 _POSTURES = 200
 # Links that are closer than the clearance in this share of all postures cannot be kept apart by a motion.
@@ -241,8 +243,7 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
     notes += pair_notes
     if obstacles and above_floor.bare:
         notes.append(
-            "Not checked against the surroundings, because they have no collision geometry: "
-            f"{join_names(above_floor.bare)}."
+            f"Not checked against the surroundings, because they have {_NO_GEOMETRY}: {join_names(above_floor.bare)}."
         )
     hindrances = _build_clearance_pairs(robot, above_floor, own, against, surroundings, postures)
     pairs = [*own, *against]
@@ -341,8 +342,8 @@ def _adapt_to_zero_posture(
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:
     if surroundings.has_obstacles and not any(body.joint != BASE for body in geometry.bodies):
         raise DynidentError(
-            "the robot's description has no collision geometry, so its distance to the surroundings cannot be "
-            "checked; state surroundings.link_radius to model its links as capsules, or leave the obstacles out",
+            f"the robot's description has {_NO_GEOMETRY}, so its distance to the surroundings cannot be checked; state "
+            "surroundings.link_radius to model its links as capsules, or leave the obstacles out",
             pointer="/surroundings",
             title="No collision geometry",
         )
@@ -365,11 +366,9 @@ def _read_allowed_contacts(
 def _note_self_collision(geometry: CollisionGeometry, touching: Sequence[str]) -> list[str]:
     notes = []
     if not any(body.joint != BASE for body in geometry.bodies):
-        return ["Self-collision is not checked: the robot's description has no collision geometry."]
+        return [f"Self-collision is not checked: the robot's description has {_NO_GEOMETRY}."]
     if geometry.bare:
-        notes.append(
-            f"Not checked for self-collision, because they have no collision geometry: {join_names(geometry.bare)}."
-        )
+        notes.append(f"Not checked for self-collision, because they have {_NO_GEOMETRY}: {join_names(geometry.bare)}.")
     if touching:
         notes.append(
             f"Not checked against each other, because they are close in most postures: {join_names(touching)}."

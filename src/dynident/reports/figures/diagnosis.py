@@ -63,7 +63,7 @@ def draw_evidence(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
     grid[0][0].legend(fontsize=8, frameon=False, loc="best")
     words = [
         f"{get_effect(panel.effect).title} on {panel.joint}: explains {format_percent(panel.error_drop, 2)} of the "
-        "held-out error"
+        "error on blocks left out of the fit"
         for panel in panel_data
     ]
     return to_svg(
@@ -94,7 +94,7 @@ def _draw_evidence_panel(axes: Axes, evidence: Evidence, effort: str) -> None:
 
 
 def draw_candidates(candidates: Sequence[RankedEffect]) -> Markup:
-    """Draw how much each candidate lowers the error on held-out blocks.
+    """Draw how much each candidate lowers the error on blocks left out of the fit.
 
     Parameters
     ----------
@@ -127,13 +127,15 @@ def draw_candidates(candidates: Sequence[RankedEffect]) -> Markup:
     axes.set_yticks(places, [f"{candidate.rank}. {get_effect(candidate.effect).title}" for candidate in candidates])
     axes.set_ylim(-0.6, len(candidates) - 0.4)
     axes.set_xlim(0, max(1.12 * max(drops), 1.0))
-    set_panel_title(axes, "drop of the held-out error on its own joints (%); green and ✓: significant")
+    set_panel_title(axes, "drop of the error on blocks left out of the fit, on the effect's joints (%); ✓: significant")
     axes.grid(False, axis="y")
     significant = [candidate for candidate in candidates if candidate.significant]
     texts = [
         f"{get_effect(candidate.effect).title} {format_percent(candidate.error_drop)}" for candidate in significant
     ]
-    return to_svg(figure, f"Drop of the held-out error by candidate effect. Significant: {'; '.join(texts) or 'none'}.")
+    named = "; ".join(texts) or "none"
+    drop_of = "Drop of the error on blocks left out of the fit, by candidate effect"
+    return to_svg(figure, f"{drop_of}. Significant: {named}.")
 
 
 _ROW_HEIGHT = 0.22

@@ -29,7 +29,7 @@ let shown = null;
 async function show({ anew = false } = {}) {
   const wanted = asked();
   const recording = wanted.view === "recording" && wanted.measurement;
-  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.design, wanted.campaign, wanted.diagnosis, wanted.pair, recording]);
+  const view = JSON.stringify([wanted.view, wanted.identification, wanted.robot, wanted.design, wanted.campaign, wanted.diagnosis, wanted.pair, wanted.resource, recording]);
   if (view === shown && !anew) return;
   shown = view;
   running.abort();

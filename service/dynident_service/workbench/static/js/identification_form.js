@@ -18,7 +18,7 @@ const USES = [["fit", "fit"], ["hold", "hold out"], ["", "leave out"]];
 /** A form that identifies a robot and goes to the new model; `update(measurements)` keeps what has been filled in. */
 export async function identificationForm(robot) {
   const [{ items }, asked, options, ofFilters] = await Promise.all([catalogue(), fieldsOf("IdentificationRequest"), optionsOf("IdentificationRequest", "estimator"), fieldsOf("Preprocessing")]);
-  const usualEffects = asked.effects.default.map((one) => one.effect);
+  const usualEffects = asked.effects.examples[0].map((one) => one.effect); // Those for recordings of a real robot.
   const uses = usesOf(USES, { usual: (one) => (revised.has(one.id) ? "" : useOf(one)), called: "Use", about: (one) => counted(one.n_samples, "sample") });
   let revised = new Set();
   const name = h("input", { name: "name", id: "model-name", maxlength: 200, placeholder: robot.name });

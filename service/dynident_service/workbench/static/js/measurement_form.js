@@ -63,7 +63,10 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   const earlier = h("div");
   const all = h("button", { type: "button", class: "main", id: "confirm-all" }, "Confirm all");
   const join = h("button", { type: "button", id: "join-all" }, "All of them are one recording");
-  const several = h("p", { class: "actions", hidden: true }, all, h("span", { class: "note" }, "stores every file below as it is guessed; a file with an open question stays"), join, h("span", { class: "note" }, "where each file has one signal, such as positions or torques"));
+  const several = h("div", { hidden: true },
+    h("p", { class: "actions" }, all, h("span", { class: "note" }, "stores every file below as it is guessed; a file with an open question stays")),
+    h("p", { class: "actions" }, join, h("span", { class: "note" }, "if each file has one signal, such as positions or torques")),
+  );
   const cards = () => [...forms.querySelectorAll(":scope > form")];
   join.addEventListener("click", () => {
     const parts = cards().filter((card) => card.files.length);

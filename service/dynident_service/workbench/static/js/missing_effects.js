@@ -2,6 +2,7 @@
 
 import { get, patch, post } from "./api.js";
 import { addByHand } from "./add_effect.js";
+import { choiceInWords } from "./catalogue.js";
 import { candidatesTable, findingCards } from "./candidates.js";
 import { changesForm, changesTable } from "./changes.js";
 import { nextBox } from "./design/proposals.js";
@@ -132,7 +133,7 @@ function partQuestions(model, result, run) {
 /** The experiment that decides what is open; it is looked for when it is asked for. */
 function nextExperiment(model, signal) {
   const { id, result: { next_experiment: next, doubts } } = model.diagnosis;
-  if (!next) return doubts.length ? searchButton(model, id, doubts.length, signal) : null;
+  if (!next) return doubts.length ? searchButton(model, id, doubts, signal) : null;
   const said = h("span", { class: "note" });
   const body = JSON.stringify(next.design, null, 1);
   const copy = () => navigator.clipboard.writeText(body).then(() => { said.textContent = " copied"; }, () => { said.textContent = " select the text below and copy it"; });
@@ -140,13 +141,20 @@ function nextExperiment(model, signal) {
 }
 
 /** What asks for the motion that decides; the diagnosis is shown again with it. */
-function searchButton(model, id, count, signal) {
+function searchButton(model, id, doubts, signal) {
   const said = h("span");
   const search = (event) => pressed(event.target, async () => {
     const { result } = await awaited("/next_experiments", await post(`/diagnoses/${id}/next_experiment`, {}), "Looking for a motion", said, signal);
     if (result.experiment) model.setDiagnosis(await get(`/diagnoses/${id}`, {}, signal));
     else put(said, " No motion within the robot's limits decides it.");
   }, (error) => put(said, problemBox(error)), signal);
-  return h("p", { class: "actions" }, `${count === 1 ? "1 question is" : `${count} questions are`} open. `,
-    h("button", { type: "button", class: "small", id: "next-experiment", onclick: search }, "Look for a motion that decides"), said);
+  const questions = doubts.map((one) => h("li", {}, questionInWords(model, one)));
+  return h("div", { id: "open-questions" }, h("p", {}, doubts.length === 1 ? "1 question is open:" : `${doubts.length} questions are open:`), h("ul", {}, questions),
+    h("p", { class: "actions" }, h("button", { type: "button", class: "small", id: "next-experiment", onclick: search }, "Look for a motion that decides"), said));
+}
+
+/** What the data do not tell: which of several effects it is, or whether there is one. */
+function questionInWords({ effects, joints }, { suspect, rivals }) {
+  const [first, ...others] = [suspect, ...rivals].map((one) => choiceInWords(effects, one, joints));
+  return others.length ? `Is it ${first}, or ${others.join(", or ")}?` : `Does the robot have this effect: ${first}?`;
 }

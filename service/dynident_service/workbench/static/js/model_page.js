@@ -8,7 +8,7 @@ import { daysSection } from "./changes_over_days.js";
 import { errorsSection } from "./joint_errors.js";
 import { failureSection } from "./where_model_fails.js";
 import { counted, moment, number, quantity } from "./format.js";
-import { awaited, ENDED } from "./jobs.js";
+import { awaited, ENDED, newestOf } from "./jobs.js";
 import { ladderSection } from "./ladder.js";
 import { takeNote } from "./page_address.js";
 import { methodInWords, methods } from "./methods.js";
@@ -31,7 +31,7 @@ export async function modelPage(target, wanted, signal) {
   const [model, ways] = await Promise.all([Model.of(identification, wanted, signal), methods()]);
   signal.throwIfAborted();
   document.title = `${nameOf(model)}: dynident`;
-  put(target, header(model, ways), tabs("Parts of the model", parts(model, ways, signal), tabOf, signal));
+  put(target, header(model, ways, signal), tabs("Parts of the model", parts(model, ways, signal), tabOf, signal));
   if (takeNote()?.arrived) {
     dispatchEvent(new Event("models-changed"));
     const ladder = document.getElementById("ladder-title");
@@ -89,7 +89,7 @@ function nameOf(model) {
   return model.identification.name || model.robot.name;
 }
 
-function header(model, ways) {
+function header(model, ways, signal) {
   const { identification: found, result } = model;
   return h("section", { "aria-label": "Model" },
     h("h1", {}, nameOf(model)),
@@ -97,7 +97,7 @@ function header(model, ways) {
       `${methodInWords(ways, found.request)}; ${filters(result.preprocessing)}`),
     h("p", { class: "chips" }, h("span", {}, "In the model:"), result.effects.map((one) => h("span", { class: "chip", title: choiceInWords(model.effects, one, model.joints) }, titleOf(model.effects, one.effect),
       one.joints.length && one.joints.length < model.joints.length ? h("small", {}, ` ${placeOf(model.effects, one)}`) : null))),
-    actions(model, ways),
+    actions(model, ways, signal),
   );
 }
 
@@ -124,24 +124,39 @@ function warnings(result) {
   return h("div", { class: "box warning", id: "warnings" }, h("p", {}, h("strong", {}, "Before you use this model")), h("ul", {}, all.map((one) => h("li", {}, one))));
 }
 
-function actions(model, ways) {
+function actions(model, ways, signal) {
   const said = h("div");
-  const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, said) }, words));
+  const written = h("div", { id: "reports" });
+  const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, written, signal) }, words));
+  showLastReport(model, written, signal);
   // Folded: the formats would push the verdict down.
   const exports = h("details", { id: "exports" }, h("summary", {}, "Export the model"), h("p", { class: "actions" }, exportLinks(model, ways.exports, said)));
-  return [h("p", { class: "actions" }, reports), exports, said];
+  return [h("p", { class: "actions" }, reports), written, exports, said];
 }
 
-async function makeReport(model, format, ways, button, said) {
+/** Show the newest report, also one that is still being written. */
+function showLastReport(model, place, signal) {
+  return orSay(place, async () => {
+    const last = await newestOf("/reports", { identification_id: model.id }, signal, (one) => one.request.format !== "json");
+    // A report that was asked for meanwhile is newer.
+    if (last && !place.firstChild) await showReport(last, place, signal);
+  }, signal);
+}
+
+async function makeReport(model, format, ways, button, place, signal) {
   await pressed(button, async () => {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
     const validations = await newestValidations(model, ways.validations);
     const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, format, name: nameOf(model) });
-    const { result } = await awaited("/reports", made, "Writing the report", said);
-    const open = apiKey.get()
-      ? h("button", { type: "button", onclick: async () => save(await content(result.href), `${model.id}.${format}`) }, "Save the report")
-      : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");
-    put(said, h("p", {}, open, ` (${number(result.size / 1e6, 2)} MB, one ${format === "pdf" ? "PDF" : "HTML file"})`));
+    await showReport(made, place, signal);
     announce("The report is written");
-  }, (error) => put(said, problemBox(error)));
+  }, (error) => signal.aborted || put(place, problemBox(error)));
+}
+
+async function showReport(report, place, signal) {
+  const { id, result, request, created_at } = await awaited("/reports", report, "Writing the report", place, signal);
+  const open = apiKey.get()
+    ? h("button", { type: "button", onclick: async () => save(await content(result.href), `${id}.${request.format}`) }, "Save the report")
+    : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");
+  put(place, h("p", {}, open, ` of ${moment(created_at)} (${number(result.size / 1e6, 2)} MB, one ${request.format === "pdf" ? "PDF" : "HTML file"})`));
 }

@@ -1,7 +1,7 @@
 // The page's address: read it, change it, go to another view.
 
 const NAMES = [
-  "view", "identification", "tab", "joint", "measurement", "robot", "design", "campaign", "diagnosis", "pair", "sort", "filter", "archived", "from", "to",
+  "view", "identification", "tab", "joint", "measurement", "robot", "design", "campaign", "diagnosis", "pair", "resource", "sort", "filter", "archived", "from", "to",
 ];
 
 /** What the address asks for: { view, identification, tab, joint, measurement, robot, from, to }, "" where it says nothing. */

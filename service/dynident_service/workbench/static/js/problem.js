@@ -27,6 +27,7 @@ export function showInForm(form, target, error) {
       continue;
     }
     beside.classList.add("wrong");
+    for (let folded = beside.closest("details"); folded; folded = folded.parentElement.closest("details")) folded.open = true;
     beside.append(h("p", { class: "complaint", role: "alert" }, inPageWords(one.detail, one.remedies)));
     beside.querySelector("input, select, textarea")?.setAttribute("aria-invalid", "true");
   }

@@ -13,12 +13,14 @@ export function robotForm(formats, onMade, open) {
   const name = h("input", { name: "name", id: "robot-name", required: true, maxlength: 200 });
   const content = h("textarea", { id: "robot-description", rows: 8, required: true, spellcheck: "false", oninput: () => { if (content.value.trim()) format.value = formatOf(content.value); described(); } });
   const format = select(formats, "urdf", () => described(), { id: "robot-format" });
-  const gains = h("div");
+  // Folded: most robots need neither, and the button below stays in sight.
+  const currents = h("details", { hidden: true }, h("summary", {}, "Recordings will have currents: drive gains"));
   const places = h("details", { hidden: true }, h("summary", {}, "Joints are locked, or the base is not upright"));
   const said = h("div");
   const submit = h("button", { class: "main", id: "create-robot" }, "Create the robot");
 
-  const placed = h("div");
+  const [gains, placed] = [h("div"), h("div")];
+  currents.append(gains);
   places.append(placed);
   let named = ""; // what the name was filled in with, and may be replaced by
   const callIt = (words) => {
@@ -32,7 +34,7 @@ export function robotForm(formats, onMade, open) {
     before.append(...gains.childNodes, ...placed.childNodes);
     put(gains, gainFields(joints));
     put(placed, placeFields(joints));
-    places.hidden = !joints.length;
+    currents.hidden = places.hidden = !joints.length;
     keepTyped(before, form);
   };
   const read = async ([file]) => {
@@ -49,7 +51,7 @@ export function robotForm(formats, onMade, open) {
     dropZone("Drop the robot's file here, or choose it:", { accept: ".urdf,.xml,.json,.txt,.csv", id: "robot-file" }, read),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Format", format, { pointer: "/description/format" })),
     field("Description", content, { pointer: "/description", hint: "Paste it, or drop the file above.", wide: true }),
-    gains,
+    currents,
     places,
     said,
     h("p", {}, submit),

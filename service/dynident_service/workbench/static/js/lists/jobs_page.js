@@ -1,6 +1,6 @@
 // Page of all jobs: state, message, button that cancels.
 
-import { events } from "../api.js";
+import { apiKey, events, get } from "../api.js";
 import { h, put } from "../dom.js";
 import { moment, number, percent } from "../format.js";
 import { cancel, ENDED, onJobs } from "../jobs.js";
@@ -12,7 +12,8 @@ import { sortable } from "./sortable_table.js";
 
 const LOOK_AGAIN = 2000;
 
-export async function page(target, _, signal) {
+export async function page(target, wanted, signal) {
+  if (wanted.resource) return openResult(wanted.resource, signal);
   document.title = "Jobs: dynident";
   const said = h("div");
   const columns = [
@@ -77,9 +78,40 @@ export async function page(target, _, signal) {
 
 function of(job) {
   const words = job.kind.replaceAll("_", " ");
-  const where = { identification: "identification", design: "design" }[job.resource?.kind];
-  if (!where) return words;
-  return h("a", { href: address({ view: where === "design" ? "design" : "", [where]: job.resource.id }) }, words);
+  if (!job.resource) return words;
+  const { kind, id } = job.resource;
+  // A link cannot carry a key: with one, the report is opened from the model's page.
+  if (kind === "report" && job.state === "succeeded" && !apiKey.get()) return h("a", { href: `/v1/reports/${id}/content`, target: "_blank", rel: "noopener" }, words);
+  return h("a", { href: address(ADDRESSES[kind]?.(id) ?? { view: "jobs", resource: job.resource.href.replace("/v1/", "") }) }, words);
+}
+
+/** Where a result is shown, as far as its identifier tells. */
+const ADDRESSES = {
+  identification: (identification) => ({ identification }),
+  design: (design) => ({ view: "design", design }),
+  measurement: (measurement) => ({ view: "recording", measurement }),
+};
+
+/** Where a result is shown whose resource says what it is of. */
+const ADDRESSES_BY_REQUEST = {
+  diagnoses: ({ request: { baseline_ids: before, identification_id: identification } }) => (before.length ? { view: "changes", identification } : { identification, tab: "missing" }),
+  next_experiments: async ({ request }, signal) => ADDRESSES_BY_REQUEST.diagnoses(await get(`/diagnoses/${request.diagnosis_id}`, {}, signal)),
+  comparisons: ({ request }) => ({ identification: request.identification_id, tab: "compare", measurement: request.measurement_id }),
+  validations: ({ request }) => ({ identification: request.identification_id, tab: "trust" }),
+  series: ({ request }) => ({ identification: request.identification_id, tab: "trust" }),
+  simulations: ({ request, result }) => (result ? { view: "recording", measurement: result.measurement_id } : { view: "new", robot: request.robot_id }),
+  drive_gains: ({ request }) => ({ view: "new", robot: request.robot_id }),
+  current_models: ({ request }) => ({ view: "new", robot: request.robot_id }),
+  reports: ({ request }) => ({ identification: request.identification_id }),
+};
+
+/** Go on to the page that shows a result: `path` is that of its resource. */
+async function openResult(path, signal) {
+  const [kind] = path.split("/");
+  const wanted = await ADDRESSES_BY_REQUEST[kind]?.(await get(`/${path}`, {}, signal), signal);
+  // Back leads to the list, and not here.
+  history.replaceState(null, "", address(wanted ?? { view: "jobs" }));
+  dispatchEvent(new PopStateEvent("popstate"));
 }
 
 function progress(job) {
