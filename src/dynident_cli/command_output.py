@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -34,9 +35,17 @@ class _SentenceConsole(Console):
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print objects as `rich` does; words that are longer than a line go beyond its end."""
-        if all(isinstance(item, str) for item in objects):
-            options = {"overflow": "ignore", "crop": False, **options}
+        if all(isinstance(item, str) for item in objects) and not options.get("soft_wrap"):
+            text = " ".join(objects)
+            lines = [line for part in text.split("\n") for line in _wrap_sentence(part, self.width) or [""]]
+            objects, options = ("\n".join(lines),), {**options, "soft_wrap": True}
         super().print(*objects, **options)
+
+
+def _wrap_sentence(text: str, width: int) -> list[str]:
+    return wrap(
+        text, width, break_long_words=False, break_on_hyphens=False, replace_whitespace=False, drop_whitespace=True
+    )
 
 
 def result_console() -> Console:

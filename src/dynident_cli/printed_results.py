@@ -6,6 +6,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -61,6 +62,7 @@ from dynident.presentation.validation_and_verdict_tables import (
     build_figure_tables,
     build_verdict_tables,
 )
+from dynident.recordings.file_names_and_digests import make_unique_names
 from dynident.recordings.joint_phases import Phase
 from dynident.robot import Robot
 from dynident_cli.command_output import print_tables, write_model
@@ -291,10 +293,18 @@ def show_verdict(console: Console, verdict: ModelVerdict, effects: Sequence[Effe
         console.print(f"→ {step}")
 
 
-def show_next_command(console: Console, what: str, words: Sequence[object], reading: Reading) -> None:
-    """Print the command that follows, with recordings read as they were here."""
-    options = Reading(**{option.name: getattr(reading, option.name) for option in fields(Reading)})
-    command = shlex.join(["dynident", *map(str, words), *list_option_words(options)])
+def show_next_command(
+    console: Console, what: str, words: Sequence[object], files: Sequence[Path], reading: Reading
+) -> None:
+    """Print the command that follows on these files, read as they were here; none where options name others."""
+    options = {option.name: getattr(reading, option.name) for option in fields(Reading)}
+    names = make_unique_names(files)
+    if names != [name for path in files for name in make_unique_names([path])] and any(
+        "=" in text for text in (*reading.windows, *reading.metadata)
+    ):
+        return
+    kept = [text for text in reading.metadata if "=" not in text or text.partition("=")[0] in names]
+    command = shlex.join(["dynident", *map(str, words), *list_option_words(Reading(**options | {"metadata": kept}))])
     console.print(f"Next, {what}: {command}", style="bold", soft_wrap=True)
 
 

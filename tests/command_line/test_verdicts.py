@@ -18,7 +18,8 @@ from dynident.effects.effect_text_format import parse_effects
 from dynident.robot import urdf_from_robot
 from dynident.verdict import Action, ModelVerdict, Use
 from dynident.verdict.fitness_by_use import CURE, DIAGNOSE
-from dynident_cli.printed_results import COMMANDS_OF_NEXT_STEPS, show_verdict
+from dynident_cli.printed_results import COMMANDS_OF_NEXT_STEPS, show_next_command, show_verdict
+from dynident_cli.shared_options import Reading
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +127,21 @@ def test_the_command_for_bodies_that_can_exist_keeps_the_effects_of_the_model(
     words = shlex.split(command)
     assert parse_effects([words[words.index("--effects") + 1]]) == effects
     assert words[-2:] == ["--estimator", "feasible"]
+
+
+def test_a_next_command_names_no_option_of_files_that_it_leaves_out(capsys: pytest.CaptureFixture[str]) -> None:
+    def show(files: list[str], **options: list[str]) -> str:
+        paths = [Path(name) for name in files]
+        show_next_command(Console(width=300), "look", ["compare", "m.npz"], paths, Reading(**options))
+        return capsys.readouterr().out
+
+    told = show(["a run.csv"], metadata=["a run=one.json", "other=two.json", "all.json"], windows=["a run=0:4"])
+    words = shlex.split(told.partition(": ")[2])
+    assert [word for word in words if "json" in word] == ["a run=one.json", "all.json"]
+    assert "a run=0:4" in words
+    # Two files of one name are told apart by numbers, which would be others in the next command.
+    assert show(["day1/run.csv", "day2/run.csv"], windows=["run=0:4"]) == ""
+    assert "compare" in show(["day1/run.csv", "day2/run.csv"], windows=["0:4"])
 
 
 def test_what_several_uses_lack_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:

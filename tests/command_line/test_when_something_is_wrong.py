@@ -284,6 +284,18 @@ def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_lines_are_broken_between_words_only(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    path = "package://arm_description/meshes/visual/link-base-and-flange.stl"
+    command_output.message_console().print(f"A sentence that is longer than one line names {path} and ends.\n  Next.")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if len(line) > 40] == [path]
+    assert lines[-1] == "  Next."
+    assert len(lines) == 5
+
+
 def test_names_with_square_brackets_stand_in_tables_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
     command_output.result_console().print(command_output.build_table("of [green]", ("joint",), [["[red]elbow"]]))
     assert {"of [green]", "[red]elbow"} <= {line.strip() for line in capsys.readouterr().out.splitlines()}

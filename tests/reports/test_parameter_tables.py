@@ -7,7 +7,8 @@ import pytest
 from dynident.effects import CATALOGUE, ShapeSpec
 from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.presentation.model_tables import build_shape_table
-from dynident.presentation.tables import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
+from dynident.presentation.tables import Cell, ReportedTable, make_interval_cell, make_number_cell, make_text_cells
+from dynident.presentation.validation_and_verdict_tables import build_figure_tables
 from dynident_cli.printed_results import fold_joints
 
 KINDS = [(effect.id, spec) for effect in CATALOGUE.values() for spec in effect.shapes if spec.words]
@@ -44,12 +45,21 @@ def test_an_interval_without_an_end_is_none() -> None:
 def test_a_long_table_is_folded_to_the_rows_with_the_largest_numbers() -> None:
     values = [0.1, -5.0, None, 0.3, 4.0, 0.2]
     rows = tuple((*make_text_cells(f"joint{k}"), make_number_cell(value, 2)) for k, value in enumerate(values))
+    rows = (*rows[:2], (rows[2][0], Cell("diverged", mark="warning")), *rows[3:])
     table = ReportedTable("Errors", ("joint", "error"), (*rows, (*make_text_cells("all"), make_number_cell(9.0, 2))))
     folded = table.fold_rows("error", most=3, last=1)
-    # In their order: what has no number, such as a simulation that diverged, and the largest ones, whatever their sign.
+    # In their order: a simulation that diverged, and the largest numbers, whatever their sign.
     assert [row[0] for row in folded.texts] == ["joint1", "joint2", "joint4", "3 others", "all"]
     assert folded.texts[3] == ["3 others", "at most 0.30"]
     assert table.fold_rows("error", most=5, last=1) is table
+
+
+def test_joints_without_a_number_do_not_push_out_those_with_the_largest() -> None:
+    values = [None] * 10 + [float(k) for k in range(1, 11)]
+    rows = tuple((*make_text_cells(f"joint{k}"), make_number_cell(value)) for k, value in enumerate(values))
+    folded = ReportedTable("Errors", ("joint", "error"), rows).fold_rows("error", most=8)
+    assert [row[0] for row in folded.texts] == [*(f"joint{k}" for k in range(12, 20)), "12 others"]
+    assert folded.texts[-1] == ["12 others", "at most 2.00"]
 
 
 def test_tables_of_a_humanoid_on_the_screen_show_its_worst_joints() -> None:
@@ -61,3 +71,17 @@ def test_tables_of_a_humanoid_on_the_screen_show_its_worst_joints() -> None:
     assert fold_joints(arm, "error") is arm
     names = [row[0] for row in fold_joints(humanoid, "error").texts]
     assert names == [*(f"joint{k}" for k in range(21, 29)), "21 others"]
+
+
+def test_the_total_of_an_earlier_version_does_not_stand_below_errors_of_other_rows() -> None:
+    def build(moving: dict[str, object] | None) -> ReportedTable:
+        own = {"relative": [0.02], "relative_total": 0.02, "moving": {"relative": [0.01], "relative_total": 0.01}}
+        keys = ("worst_posture", "methods", "simulations", "drift", "contact", "filters", "bootstrap", "payloads")
+        document = dict.fromkeys(keys) | {"methods": [], "simulations": [], "payloads": []}
+        document["measurements"] = [{"name": name, "errors": own} for name in ("a", "b")]
+        document["total"] = own | {"moving": moving}
+        (table,) = build_figure_tables(document, ["elbow"])
+        return table
+
+    assert [row[0] for row in build({"relative": [0.01], "relative_total": 0.01}).texts] == ["a", "b", "all"]
+    assert [row[0] for row in build(None).texts] == ["a", "b"]

@@ -89,6 +89,11 @@ def test_a_method_that_is_worse_but_no_more_than_it_says_does_not_disagree(ident
     assert judged.reason.startswith("2 methods predict")
     assert f"within their own uncertainty on these data: {named}" in judged.reason
     assert judge_methods(identified, [first, useless], held_out=True).verdict == "not_evaluated"
+    # The model's own method is what is judged: it is never set aside, however uncertain it is.
+    failed = judge_methods(identified, [replace(useless, torque_distance=0.0), first, second], held_out=True)
+    assert failed.verdict == "fail"
+    assert "worse than the best" in failed.reason
+    assert "No evidence" not in failed.reason
 
 
 def test_a_method_that_cannot_be_used_has_its_reason_in_the_table(identified, training, unseen):

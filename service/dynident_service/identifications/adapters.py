@@ -193,8 +193,7 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[OpenedMeasurement
         )
         for use in verdict.uses
     ]
-    sentences = [*(use.reason for use in verdict.uses), *verdict.next_steps]
-    quoted = [remedy for sentence in sentences if isinstance(sentence, Note) for remedy in sentence.remedies]
+    quoted = [remedy for use in verdict.uses if isinstance(use.reason, Note) for remedy in use.reason.remedies]
     return to_view(
         wire.VerdictView,
         verdict,

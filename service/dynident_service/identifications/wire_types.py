@@ -66,7 +66,7 @@ class IdentificationRequest(NamedRequest):
         max_length=200,
         # The torque of a real robot has offsets: its recordings are predicted better with them.
         examples=[[{"effect": effect.effect} for effect in (*DEFAULT_EFFECTS, OFFSETS)]],
-        description="The example is right for recordings of a real robot, whose torque has an offset",
+        description="What acts on the joints. The example is right for real robots: their torque has offsets",
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 
@@ -466,4 +466,4 @@ class VerdictView(WithTables):
     )
     mass: float | None = Field(default=None, description="Smallest load at the tool that is visible, kg; null: unknown")
     next_steps: list[str] = Field(description="What to do about the error, the usually cheapest first")
-    remedies: list[RemedyView] = Field(default=[], description="Those that reasons of uses and next steps quote")
+    remedies: list[RemedyView] = Field(default=[], description="Those that reasons of uses quote")

@@ -104,7 +104,8 @@ class ReportedTable:
         column : str
             Head of the column.
         most : int
-            Rows that are kept, in their order; one without a number comes before all others, whose signs do not count.
+            Rows that are kept, in their order, whatever the signs of the numbers; a warning instead of a number, such
+            as "diverged", comes before all others, and "–" after them.
         last : int
             Rows at the end that are kept as they are, such as sums.
 
@@ -116,9 +117,12 @@ class ReportedTable:
         own, index = self.rows[: len(self.rows) - last], self.columns.index(column)
         if len(own) <= most + 1:
             return self
-        values = [row[index].value for row in own]
-        order = sorted(range(len(own)), key=lambda k: -math.inf if (value := values[k]) is None else -abs(value))
-        bound = Cell(f"at most {own[order[most]][index].text.lstrip('+−')}", is_figures=True)
+        cells = [row[index] for row in own]
+        without = [-math.inf if cell.mark == "warning" else math.inf for cell in cells]
+        order = sorted(range(len(own)), key=lambda k: without[k] if (value := cells[k].value) is None else -abs(value))
+        # "at most –" would say nothing.
+        largest = cells[order[most]]
+        bound = Cell("–" if largest.value is None else f"at most {largest.text.lstrip('+−')}", is_figures=True)
         rest = [Cell(f"{len(own) - most} others"), *(Cell("") for _ in self.columns[1:])]
         rest[index] = bound
         rows = (*(own[k] for k in sorted(order[:most])), tuple(rest), *self.rows[len(own) :])

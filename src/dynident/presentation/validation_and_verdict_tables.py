@@ -194,7 +194,9 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
     joint_columns = (*joints, "all joints")
     if result.measurements and result.total is not None:
         rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
-        rows += [("all", result.total)] if len(rows) > 1 else []
+        # Results of earlier versions have no total of the rows where joints move, which the others are of.
+        has_total = hasattr(result.total, "moving") and (result.total.moving or not _have_moving_errors(rows))
+        rows += [("all", result.total)] if len(rows) > 1 and has_total else []
         cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
         title = "Relative torque error while each joint moves"
         yield ReportedTable(title, ("measurement", *joint_columns), cells)
@@ -241,6 +243,10 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
         yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
 
 
+def _have_moving_errors(rows: Sequence[tuple[str, Any]]) -> bool:
+    return any(getattr(errors, "moving", None) is not None for _, errors in rows)
+
+
 def _build_method_tables(methods: Sequence[Any], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
     solved_methods = [(method, method.held_out) for method in methods if method.held_out is not None]
     if solved_methods:
@@ -250,8 +256,7 @@ def _build_method_tables(methods: Sequence[Any], joint_columns: Sequence[str]) -
         columns = ("method", *joint_columns, "σ apart", "farthest", "torque", "own ±", "time")
         rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
         title = (
-            "Relative held-out error by method, while each joint moves; distance of parameters and torque from the "
-            "first method"
+            "Relative error by method, while each joint moves; distance of parameters and torque from the first method"
         )
         yield ReportedTable(title, columns, rows)
     failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)

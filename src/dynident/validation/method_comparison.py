@@ -301,10 +301,11 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
         words = f"{result.method.words} ({format_percent(total, decimals=1)})"
         if total <= _AS_GOOD * best:
             compared.append((result, total))
-        elif _is_explained_by_uncertainty(result):
+        # The first method is that of the model, which is judged, and never set aside.
+        elif result is not solved[0] and _is_explained_by_uncertainty(result):
             own = format_percent(result.torque_deviation or 0.0, decimals=1)
             uncertain.append(f"{words.removesuffix(')')}, own uncertainty {own})")
-        elif _is_comparable(identification, result):
+        elif result is solved[0] or _is_comparable(identification, result):
             compared.append((result, total))
             worse.append(words)
         else:

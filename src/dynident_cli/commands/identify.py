@@ -167,9 +167,10 @@ def extend(
 
     def show_next(console: Console) -> None:
         if result.out is not None and verdict.stop is None:
-            learnt = [word for path in measurements for word in ("--learnt", path)]
-            words = ["compare", result.out, *(validation[:1] or measurements[:1]), *(learnt if validation else ())]
-            printed_results.show_next_command(console, "see where it still fails", words, reading)
+            files = [*validation[:1], *measurements] if validation else measurements[:1]
+            learnt = [word for path in files[1:] for word in ("--learnt", path)]
+            words = ["compare", result.out, files[0], *(learnt if validation else ())]
+            printed_results.show_next_command(console, "see where it still fails", words, files, reading)
 
     printed_results.write_extended_model(result, extended, model.stem, identified, verdict, show_next)
     if verdict.stop is not None:
@@ -241,7 +242,8 @@ def identify(
         if result.out is not None and verdict.stop is None:
             held_out_words = [word for path in further.validation for word in ("--validation", path)]
             words = ["diagnose", result.out, *measurements, *held_out_words]
-            printed_results.show_next_command(console, "find what is missing", words, reading)
+            files = [*measurements, *further.validation]
+            printed_results.show_next_command(console, "find what is missing", words, files, reading)
 
     everything = (*recordings, *held_out)
     command_output.write_model(result, "model", model, print_result, verdict=verdict, recordings=everything)
@@ -324,4 +326,4 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         if answer := metadata_files.describe_answer(question):
             console.print(f"    → {answer}", soft_wrap=True, markup=False)
     if not inspection.proposal.questions:
-        console.print("No question is open: identify with --as-proposed.")
+        console.print("No question is open: identify reads the file like this.")

@@ -465,7 +465,7 @@ class VerdictView(TypedDict):
     next_steps: list[str]
     """What to do about the error, the usually cheapest first"""
     remedies: list[RemedyView]
-    """Those that reasons of uses and next steps quote"""
+    """Those that reasons of uses quote"""
     stop: StopView | None
     """Why it must not be used at all; null if it may be used"""
     summary: str
