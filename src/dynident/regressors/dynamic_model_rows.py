@@ -171,11 +171,12 @@ class SampleFunction:
         tau, part = block.tau.copy(), _find_used_part(block)
         unknown = _find_unknown_torques(self._phases, block, part)
         if unknown is not None:
-            robot, of_part = self._observation.robot, tau[part]
-            mixed = np.flatnonzero(find_mixed_joints(robot))
-            for some, _, elimination in yield_mixing_matrices(robot, block.q[part], unknown):
+            robot, standing = self._observation.robot, np.flatnonzero(unknown.any(axis=1))
+            mixed, places = np.flatnonzero(find_mixed_joints(robot)), part.start + standing
+            for some, _, elimination in yield_mixing_matrices(robot, block.q[places], unknown[standing]):
                 if elimination is not None:
-                    of_part[some, mixed] = (elimination @ of_part[some][:, mixed, None])[:, :, 0]
+                    own = np.ix_(places[some], mixed)
+                    tau[own] = (elimination @ tau[own][:, :, None])[:, :, 0]
         return tau
 
 
