@@ -335,9 +335,12 @@ def stream_behind_kept_rows(
     for samples in stream(observation, recording, inputs.preprocessing):
         pieces.append(samples.values[:, : len(first.entry_rows)].copy())
         yield samples
-    while (others := list(store.values())) and sum(map(np.size, [*pieces, *others])) > MOST_VALUES:
-        store.pop(next(iter(store), key), None)
-    store[key] = np.concatenate(pieces)
+    # Only older rows of the same recording make room: passes would else remove in turn what the next one asks for.
+    older = [other for other in list(store) if other[1] is recording]
+    while (full := sum(map(np.size, [*pieces, *list(store.values())])) > MOST_VALUES) and older:
+        store.pop(older.pop(0), None)
+    if not full:
+        store[key] = np.concatenate(pieces)
 
 
 def _zero_equations(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:

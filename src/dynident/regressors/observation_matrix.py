@@ -72,7 +72,7 @@ class RegressorInputs:
     preprocessing: Preprocessing
     reference: ReferenceParameters
     known: PriorInformation | None = None
-    kept_rows: dict[Hashable, FloatArray] | None = None
+    kept_rows: dict[tuple[Hashable, ...], FloatArray] | None = None
 
 
 AnyProgram: TypeAlias = "Program | ConcatenatedPrograms | ProjectedProgram"
