@@ -174,9 +174,9 @@ def test_matrices_that_come_a_few_samples_at_a_time_are_those_of_all_samples() -
     floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
     robot = replace(floating, contacts=(Contact("shin", (0.0, 0.0, -0.4)),))
     mixed = np.ix_(find_mixed_joints(robot), find_mixed_joints(robot))
-    q = np.random.default_rng(5).uniform(-1.0, 1.0, (150, robot.n))
+    q = np.random.default_rng(5).uniform(-1.0, 1.0, (600, robot.n))
     unknown = np.zeros(q.shape, dtype=bool)
-    unknown[:70:3, 7] = True
+    unknown[:270:3, 7] = True
     nothing = np.zeros_like(unknown)
     for positions, standing in ((q, unknown), (q, None), (np.zeros_like(q, dtype=int), unknown)):
         projection = project_without(robot, positions, nothing)
