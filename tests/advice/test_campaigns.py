@@ -80,9 +80,10 @@ def recorded(design, name: str, hidden: str = "", silent: int | None = None):
 
 
 @cache
-def first_run():
+def first_run(harmonics: int = DESIGN.trajectory.harmonics):
     """A campaign after its first run, the plan of that run, and the plan of the next."""
-    start = start_campaign(ARM, REQUEST)
+    design = replace(DESIGN, trajectory=replace(DESIGN.trajectory, harmonics=harmonics))
+    start = start_campaign(ARM, replace(REQUEST, design=design))
     plan = plan_run(start)
     state = add_run(start, recorded(plan.design, "run1"), plan)
     return plan, state, plan_run(state)
@@ -169,7 +170,7 @@ def test_a_promise_counts_the_whole_motion_but_what_filters_take_from_its_ends()
 
 
 def test_a_promise_counts_rows_at_reversals_by_their_weight():
-    _, state, following = first_run()
+    _, state, following = first_run(TrajectoryRequest.harmonics)
     identification = state.identification
     rows = compute_region_rows(identification, state.region)
     training = identification.data.training
@@ -378,14 +379,23 @@ def test_states_and_the_slow_motion_keep_to_the_limits_of_the_campaign():
 
 
 def test_a_joint_of_short_stroke_moves_as_fast_as_its_torque_is_to_be_predicted():
-    _, state, following = first_run()
+    usual = TrajectoryRequest.harmonics
+    _, state, following = first_run(usual)
     quill = ARM.joint_names.index("quill")
     assert np.abs(following.design.dq[:, quill]).max() > 0.8 * np.abs(state.region.dq[:, quill]).max()
-    # Joints of long stroke do so with the harmonics that were asked for, and more stay as they are.
-    turning = start_campaign(dy.load_robot("ur5"), REQUEST)
-    assert turning.request.design.trajectory.harmonics == DESIGN.trajectory.harmonics
-    many = replace(DESIGN, trajectory=replace(DESIGN.trajectory, harmonics=12))
-    assert start_campaign(ARM, replace(REQUEST, design=many)).request.design.trajectory.harmonics == 12
+    # A long period needs more harmonics. What the caller chose stays, and so does a motion that has none.
+    needed = count_harmonics(state.region, ARM, {}, 20.0)
+    assert needed > 12
+    for robot, changes, expected in (
+        (ARM, {"harmonics": usual}, needed),
+        (dy.load_robot("ur5"), {"harmonics": usual, "duration": 6.0}, usual),
+        (ARM, {"harmonics": 3}, 3),
+        (ARM, {"harmonics": 12}, 12),
+        (ARM, {"harmonics": usual, "family": "b_spline"}, usual),
+    ):
+        design = replace(DESIGN, trajectory=replace(DESIGN.trajectory, **{"duration": 20.0, **changes}))
+        started = start_campaign(robot, replace(REQUEST, design=design))
+        assert started.request.design.trajectory.harmonics == expected
     # Over a tiny stroke the acceleration bounds the speed, and the unknowns of the search are bounded.
     tiny = {"quill": dy.Limits(position=(-1e-4, 1e-4), acceleration=1.0)}
     assert 5 < count_harmonics(state.region, ARM, tiny, 0.5) < 20

@@ -29,16 +29,21 @@ STRETCHES, ROWS = 40, 12
 MANY = 150
 
 
-def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None, alike: bool = False) -> State:
+def gathered(
+    y_of, runs: int = 1, seed: int = 0, only_first: int | None = None, alike: bool = False, absent: int | None = None
+) -> State:
     """One joint: columns 0 and 1 the model, 2 an effect, the rest functions that mean nothing.
 
-    `only_first`: a column that is there in the first run alone; `alike`: in the others the effect is as column 1.
+    `only_first`: a column that is there in the first run alone; `alike`: in the others the effect is as column 1;
+    `absent`: a column that is zero.
     """
     rng = np.random.default_rng(seed)
     m = STRETCHES * ROWS
     w = rng.normal(size=(m, 3 + MANY))
     if only_first is not None:
         w[m // runs :, only_first] *= 1e-3
+    if absent is not None:
+        w[:, absent] = 0.0
     if alike:
         w[m // runs :, 2] = w[m // runs :, 1] + 3e-3 * w[m // runs :, 2]
     y = w[:, :2] @ [1.0, -2.0] + y_of(w) + rng.normal(size=m)
@@ -76,6 +81,11 @@ def test_what_one_run_alone_determines_is_not_judged_without_that_run(column):
 def test_what_only_one_run_tells_from_the_model_is_not_judged_without_that_run():
     """The load on a shank is as large in every run, but while the foot stands it is what the model says already."""
     state = gathered(lambda w: 0.7 * w[:, 2], runs=2, alike=True)
+    assert select_harmless(state, [(2,)]) == [0]
+
+
+def test_a_finding_that_no_row_shows_is_judged_without_an_error():
+    state = gathered(lambda w: 0.0 * w[:, 2], runs=2, absent=2)
     assert select_harmless(state, [(2,)]) == [0]
 
 

@@ -292,6 +292,29 @@ def test_rows_beyond_the_most_values_are_not_kept(monkeypatch):
     assert not kept
 
 
+def test_recordings_that_together_are_too_many_do_not_remove_each_other(monkeypatch):
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES).model
+    observation = model.observation.extend(build_columns([EffectChoice("joint_spring")], model.signals), model.signals)
+    kept = {}
+    inputs = RegressorInputs(RUNS, CHOICES.preprocessing, REFERENCE, kept_rows=kept)
+    reduce_recordings(observation, inputs)
+    most = int(0.9 * sum(rows.size for rows in kept.values()))
+    kept.clear()
+    monkeypatch.setattr(dynamic_model_rows, "MOST_VALUES", most)
+    reduce_recordings(observation, inputs)
+    first = dict(kept)
+    assert 0 < len(first) < len(RUNS)
+    reduce_recordings(observation, inputs)
+    assert kept.keys() == first.keys()
+    assert all(kept[key] is rows for key, rows in first.items())
+    # Other filters are other rows: they replace the older ones.
+    filters = replace(CHOICES.preprocessing, torque_cutoff=0.9 * CHOICES.preprocessing.torque_cutoff)
+    reduce_recordings(observation, replace(inputs, preprocessing=filters))
+    assert {key[1] for key in kept} == {key[1] for key in first}
+    assert not kept.keys() & first.keys()
+    assert sum(rows.size for rows in kept.values()) <= most
+
+
 def test_one_factor_a_segment_has_the_products_of_all_blocks():
     model = identify(ROBOT, RUNS, HELD_OUT, CHOICES).model
     inputs = RegressorInputs(RUNS, CHOICES.preprocessing, REFERENCE)

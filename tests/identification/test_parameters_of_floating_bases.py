@@ -27,14 +27,14 @@ import dynident as dy
 from dynident.array_types import FloatArray
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparison.measured_against_predicted import predict_again
-from dynident.effects import LINKS, EffectChoice, Signals, build_columns
+from dynident.effects import LINKS, EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
 from dynident.recordings import Preprocessing
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import have_same_instants
-from dynident.robot import Robot
+from dynident.robot import Robot, contacts
 
 
 @pytest.fixture(name="robot")
@@ -74,6 +74,30 @@ def write_runs(tmp_path: Path, kind: str, seeds: tuple[int, ...]) -> list[Path]:
                 wrench[k] -= by_ground[:6]
         files.append(write_log(path, motion, torque, wrenches, noise=0.01, seed=seed))
     return files
+
+
+def test_the_projection_of_a_sample_is_computed_once_for_all_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating", ["shin"])
+    signals = Signals(robot)
+    links, friction = (build_columns([choice], signals) for choice in (LINKS, EffectChoice("viscous")))
+    observation = Observation.from_columns(robot, links, signals).extend(friction, signals)
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (100, robot.n))
+    projected = []
+    project = contacts.compute_contact_projection
+
+    def count_samples(robot: Robot, q: FloatArray) -> FloatArray:
+        projected.append(len(q))
+        return project(robot, q)
+
+    monkeypatch.setattr(contacts, "compute_contact_projection", count_samples)
+    for _ in range(2):
+        projected.clear()
+        observation.evaluate(q, q, q, reference=ReferenceParameters.massless(robot), memory=np.zeros((100, 0)))
+        # Nor is it kept: of a humanoid, some hundred megabytes would be.
+        assert sum(projected) == len(q)
 
 
 @pytest.mark.parametrize(("kind", "seeds"), [("harness", (1, 2)), ("foot", (5, 6)), ("flight", (3, 4, 7, 8, 9))])

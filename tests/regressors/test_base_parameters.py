@@ -291,6 +291,16 @@ def test_models_that_are_extended_alike_share_their_columns_and_not_the_states_t
     assert extend_model(models[0], [presliding], tolerance=1e-3).observation is not first.observation
 
 
+def test_a_run_is_the_same_in_a_model_and_in_its_extensions():
+    robot = arm("ur10")
+    model = get_model(robot, [EffectChoice("rigid_body")])
+    extended = extend_model(model, [EffectChoice("joint_spring")])
+    monday, friday = RunSignal(("monday",)), RunSignal(("friday",))
+    symbol, other = model.signals.in_runs(monday), extended.signals.in_runs(friday)
+    assert extended.signals.find_run_signals(symbol + other) == (monday, friday)
+    assert casadi.is_equal(extended.signals.in_runs(monday), symbol)
+
+
 def wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let two threads make their next symbols at the same moment."""
     barrier, make = threading.Barrier(2), casadi.SX.sym

@@ -12,14 +12,14 @@ import pytest
 from support.floating_robots import WALKER, build_model, draw_motion
 
 import dynident as dy
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.recordings.base_motion import compute_base_angles
-from dynident.robot import Description, robot_from_description
+from dynident.robot import Description, Robot, robot_from_description
 from dynident.robot.contacts import (
     compute_contact_heights,
     compute_contact_jacobian,
     compute_contact_projection,
-    compute_elimination,
     find_largest_zero_errors,
     find_mixed_joints,
     parse_contact,
@@ -149,6 +149,15 @@ def test_the_projection_of_contacts_that_hold_each_other_is_the_same() -> None:
     np.testing.assert_allclose(projection, expected, atol=1e-12)
 
 
+def project_without(robot: Robot, q: FloatArray, unknown: BoolArray) -> FloatArray:
+    """Return 1 - J⁺J (m, n, n), with a row more in J for each unknown torque."""
+    jacobian, projections = compute_contact_jacobian(robot, q), np.empty((len(q), robot.n, robot.n))
+    for k in range(len(q)):
+        longer = np.vstack([jacobian[k], np.eye(robot.n)[unknown[k]]])
+        projections[k] = np.eye(robot.n) - np.linalg.pinv(longer, rcond=1e-8) @ longer
+    return projections
+
+
 def test_an_unknown_torque_is_eliminated_as_a_row_of_the_jacobian_would() -> None:
     floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
     robot = replace(floating, contacts=(Contact("shin", (0.0, 0.0, -0.4)), Contact("arm", (0.3, 0.0, 0.0))))
@@ -156,37 +165,42 @@ def test_an_unknown_torque_is_eliminated_as_a_row_of_the_jacobian_would() -> Non
     q = np.hstack([motion.q[:, :3], compute_base_angles(motion.q[:, 3:7]), motion.q[:, 7:]])
     unknown = np.zeros(q.shape, dtype=bool)
     unknown[::2, 7], unknown[::3, 8] = True, True
-    eliminated = compute_elimination(robot, q, unknown) @ compute_contact_projection(robot, q)
-    jacobian = compute_contact_jacobian(robot, q)
-    for k in range(len(q)):
-        longer = np.vstack([jacobian[k], np.eye(robot.n)[unknown[k]]])
-        expected = np.eye(robot.n) - np.linalg.pinv(longer, rcond=1e-8) @ longer
-        np.testing.assert_allclose(eliminated[k], expected, atol=1e-9)
+    assert find_mixed_joints(robot).all()
+    eliminated = np.concatenate([mixing for _, mixing, _ in yield_mixing_matrices(robot, q, unknown)])
+    np.testing.assert_allclose(eliminated, project_without(robot, q, unknown), atol=1e-9)
 
 
 def test_matrices_that_come_a_few_samples_at_a_time_are_those_of_all_samples() -> None:
     floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
     robot = replace(floating, contacts=(Contact("shin", (0.0, 0.0, -0.4)),))
     mixed = np.ix_(find_mixed_joints(robot), find_mixed_joints(robot))
-    q = np.random.default_rng(5).uniform(-1.0, 1.0, (150, robot.n))
+    q = np.random.default_rng(5).uniform(-1.0, 1.0, (600, robot.n))
     unknown = np.zeros(q.shape, dtype=bool)
-    unknown[:70:3, 7] = True
-    projection, elimination = compute_contact_projection(robot, q), compute_elimination(robot, q, unknown)
-    # Whole numbers and other halts at the same positions must not be taken for what was asked before.
+    unknown[:270:3, 7] = True
+    nothing = np.zeros_like(unknown)
     for positions, standing in ((q, unknown), (q, None), (np.zeros_like(q, dtype=int), unknown)):
-        exact = (
-            (projection, elimination)
-            if positions is q
-            else (compute_contact_projection(robot, 0.0 * q), compute_elimination(robot, 0.0 * q, unknown))
-        )
+        projection = project_without(robot, positions, nothing)
+        expected = project_without(robot, positions, nothing if standing is None else standing)
         count = 0
-        for part, mixing, own in yield_mixing_matrices(robot, positions, standing):
+        for part, mixing, elimination in yield_mixing_matrices(robot, positions, standing):
+            own = np.eye(len(mixing[0])) if elimination is None else elimination
             for k, sample in enumerate(range(len(q))[part]):
-                taken = np.eye(robot.n) if standing is None else exact[1][sample]
-                np.testing.assert_allclose(mixing[k], (taken @ exact[0][sample])[mixed], atol=1e-12)
-                np.testing.assert_allclose(np.eye(len(mixing[k])) if own is None else own[k], taken[mixed], atol=1e-12)
+                np.testing.assert_allclose(mixing[k], expected[sample][mixed], atol=1e-9)
                 count += 1
+            np.testing.assert_allclose(own @ [each[mixed] for each in projection[part]], mixing, atol=1e-9)
         assert count == len(q)
+
+
+def test_matrices_follow_lengths_that_are_written_into_the_robot() -> None:
+    floating = set_base(robot_from_description("walker", DESCRIPTION), "floating")
+    robot = replace(floating, contacts=(Contact("shin", (0.0, 0.0, -0.4)), Contact("arm", (0.3, 0.0, 0.0))))
+    q = np.random.default_rng(6).uniform(-1.0, 1.0, (20, robot.n))
+    ((_, before, _),) = yield_mixing_matrices(robot, q, None)
+    for joint in robot.tree.joints:
+        joint.placement[:3, 3] *= 1.5
+    ((_, after, _),) = yield_mixing_matrices(robot, q, None)
+    np.testing.assert_allclose(after, compute_contact_projection(robot, q), atol=1e-12)
+    assert np.abs(after - before).max() > 0.01
 
 
 def test_an_unknown_torque_of_a_leg_that_is_half_lifted_is_eliminated_and_a_hidden_one_does_no_harm() -> None:
@@ -197,10 +211,11 @@ def test_an_unknown_torque_of_a_leg_that_is_half_lifted_is_eliminated_and_a_hidd
     q[:, 5] = np.linspace(-np.pi, np.pi, 401)
     unknown = np.zeros(q.shape, dtype=bool)
     unknown[:, 8] = True
-    elimination = compute_elimination(robot, q, unknown)
-    assert np.isfinite(elimination).all()
-    np.testing.assert_allclose((elimination @ compute_contact_projection(robot, q))[:, :, 8], 0.0, atol=0.011)
-    assert np.abs(elimination).max() < 101.0
+    for _, mixing, elimination in yield_mixing_matrices(robot, q, unknown):
+        assert elimination is not None
+        assert np.isfinite(elimination).all()
+        np.testing.assert_allclose(mixing[:, :, 8], 0.0, atol=0.011)
+        assert np.abs(elimination).max() < 101.0
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, Design, design_experiment
+from dynident.excitation import CriterionChoice, Design, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.prediction_region import Region, count_harmonics, draw_region
 from dynident.excitation.design_result import follows_design
 from dynident.excitation.experiments.design_task import compute_planned_seconds
@@ -222,8 +222,10 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
     if design.time_budget is None and design.starts is None:
         design = replace(design, time_budget=DESIGN_SECONDS)
     region = region or draw_region(robot, design.limits, request.speed)
-    harmonics = count_harmonics(region, robot, design.limits, design.trajectory.duration)
-    trajectory = replace(design.trajectory, harmonics=max(design.trajectory.harmonics, harmonics))
+    trajectory = design.trajectory
+    if trajectory.family == "fourier" and trajectory.harmonics == TrajectoryRequest.harmonics:
+        harmonics = count_harmonics(region, robot, design.limits, trajectory.duration)
+        trajectory = replace(trajectory, harmonics=max(trajectory.harmonics, harmonics))
     request = replace(request, design=replace(design, trajectory=trajectory))
     return CampaignState(robot, request, region, decision=Decision("next_run", describe_first_run(request.goal)))
 

@@ -325,7 +325,8 @@ class _Question:
         """The recordings, with filters and reference of the model, and what the user knows of its parameters."""
         plain = self.identification
         known = build_prior(plain.model, replace(plain.choices.trust, prior=None))
-        return RegressorInputs(self.recordings, plain.preprocessing, plain.estimate.next_reference(), known, {})
+        reference = plain.estimate.next_reference()
+        return RegressorInputs(self.recordings, plain.preprocessing, reference, known, kept_rows={})
 
 
 class _Search(NamedTuple):

@@ -220,13 +220,14 @@ class RunSignal:
 
 
 class _SharedSymbols:
-    """What signals with the same symbols share: hysteresis states, and what was built, with the states in it."""
+    """What signals with the same symbols share: hysteresis states, runs, and what was built, with the states in it."""
 
     def __init__(self) -> None:
         self.memory: dict[MemorySignal, tuple[str, ca.SX]] = {}
         self.built: dict[Hashable, tuple[object, tuple[MemorySignal, ...]]] = {}
+        self.runs: dict[RunSignal, ca.SX] = {}
         # Names are numbered: signals may differ in nothing but their slip. A counter gives no number twice, also to
-        # threads that name states at once, which the size of the dictionary does.
+        # threads that name symbols at once, which the size of a dictionary does.
         self.numbers = count()
 
 
@@ -268,14 +269,12 @@ class Signals:
         # By name, because asking CasADi for a symbol's name takes longer than everything else here.
         self._memory_named: dict[str, MemorySignal] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
-        self._run_numbers = count()
         self._shared = _SharedSymbols()
 
     def copy(self) -> Signals:
         """Return signals of the same symbols and known columns, with hysteresis states and runs of their own."""
         own = copy.copy(self)
         own._memory, own._memory_named, own._runs = self._memory.copy(), self._memory_named.copy(), self._runs.copy()
-        own._run_numbers = count(len(own._runs))
         # The tree's signals ask those of the machine for states and runs: they are its own as well.
         own.of_tree = None
         return own
@@ -336,7 +335,10 @@ class Signals:
     def in_runs(self, signal: RunSignal) -> ca.SX:
         """Return the symbol SX (1, 1) that is 1 in the signal's runs."""
         if signal not in self._runs:
-            self._runs.setdefault(signal, ca.SX.sym(f"run_{next(self._run_numbers)}"))
+            known = self._shared.runs
+            if signal not in known:
+                known.setdefault(signal, ca.SX.sym(f"run_{next(self._shared.numbers)}"))
+            self._runs[signal] = known[signal]
         return self._runs[signal]
 
     @property
@@ -347,7 +349,7 @@ class Signals:
     def find_run_signals(self, expression: ca.SX) -> tuple[RunSignal, ...]:
         """Return the run signals that an expression depends on."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
-        return tuple(signal for signal, symbol in self._runs.items() if symbol.name() in used)
+        return tuple(signal for signal, symbol in list(self._shared.runs.items()) if symbol.name() in used)
 
     def memory(self, signal: MemorySignal) -> ca.SX:
         """Return the symbol SX (1, 1) of a hysteresis state, the same for equal signals."""

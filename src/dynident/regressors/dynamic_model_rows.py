@@ -171,11 +171,12 @@ class SampleFunction:
         tau, part = block.tau.copy(), _find_used_part(block)
         unknown = _find_unknown_torques(self._phases, block, part)
         if unknown is not None:
-            robot, of_part = self._observation.robot, tau[part]
-            mixed = np.flatnonzero(find_mixed_joints(robot))
-            for some, _, elimination in yield_mixing_matrices(robot, block.q[part], unknown):
+            robot, standing = self._observation.robot, np.flatnonzero(unknown.any(axis=1))
+            mixed, places = np.flatnonzero(find_mixed_joints(robot)), part.start + standing
+            for some, _, elimination in yield_mixing_matrices(robot, block.q[places], unknown[standing]):
                 if elimination is not None:
-                    of_part[some, mixed] = (elimination @ of_part[some][:, mixed, None])[:, :, 0]
+                    own = np.ix_(places[some], mixed)
+                    tau[own] = (elimination @ tau[own][:, :, None])[:, :, 0]
         return tau
 
 
@@ -334,9 +335,12 @@ def stream_behind_kept_rows(
     for samples in stream(observation, recording, inputs.preprocessing):
         pieces.append(samples.values[:, : len(first.entry_rows)].copy())
         yield samples
-    while (others := list(store.values())) and sum(map(np.size, [*pieces, *others])) > MOST_VALUES:
-        store.pop(next(iter(store), key), None)
-    store[key] = np.concatenate(pieces)
+    # Only older rows of the same recording make room: passes would else remove in turn what the next one asks for.
+    older = [other for other in list(store) if other[1] is recording]
+    while (full := sum(map(np.size, [*pieces, *list(store.values())])) > MOST_VALUES) and older:
+        store.pop(older.pop(0), None)
+    if not full:
+        store[key] = np.concatenate(pieces)
 
 
 def _zero_equations(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:

@@ -72,7 +72,7 @@ class RegressorInputs:
     preprocessing: Preprocessing
     reference: ReferenceParameters
     known: PriorInformation | None = None
-    kept_rows: dict[Hashable, FloatArray] | None = None
+    kept_rows: dict[tuple[Hashable, ...], FloatArray] | None = None
 
 
 AnyProgram: TypeAlias = "Program | ConcatenatedPrograms | ProjectedProgram"
@@ -108,29 +108,22 @@ class ConcatenatedPrograms:
         """Number of operations a sample."""
         return self._first.n_instructions + self._second.n_instructions
 
-    def __call__(
-        self, *inputs: FloatArray, out: FloatArray | None = None, unknown: BoolArray | None = None
-    ) -> FloatArray:
-        """Evaluate on samples, as a `Program` does; without the `unknown` (m, n) torques, as a `ProjectedProgram`."""
-        if out is None:
-            length = next(len(item) for item in inputs if item.ndim == 2)
-            out = np.empty((length, self.n_outputs))
+    def __call__(self, *inputs: FloatArray, out: FloatArray, mixing: FloatArray) -> None:
+        """Evaluate on samples into `out` (m, n_outputs), as a `Program` or a `ProjectedProgram` does."""
         border = self._first.n_outputs
         # Inputs only ever grow at their ends, so that the first program reads the leading columns.
         leading = [item[..., :width] for item, width in zip(inputs, self._first.widths, strict=True)]
-        _run(self._first, leading, out[:, :border], unknown)
+        _run(self._first, leading, out[:, :border], mixing)
         selected = [item[..., selection] for item, selection in zip(inputs, self._selections, strict=True)]
-        _run(self._second, selected, out[:, border:], unknown)
-        return out
+        _run(self._second, selected, out[:, border:], mixing)
 
 
-def _run(
-    program: AnyProgram, inputs: Sequence[FloatArray], out: FloatArray | None, unknown: BoolArray | None
-) -> FloatArray:
-    """Evaluate a program; a robot without contacts has no torques that could be in the equations of others."""
+def _run(program: AnyProgram, inputs: Sequence[FloatArray], out: FloatArray, mixing: FloatArray) -> None:
+    """Evaluate a program; equations of a robot without contacts are not mixed."""
     if isinstance(program, Program):
-        return program(*inputs, out=out)
-    return program(*inputs, out=out, unknown=unknown)
+        program(*inputs, out=out)
+    else:
+        program(*inputs, out=out, mixing=mixing)
 
 
 class ProjectedProgram:
@@ -153,7 +146,7 @@ class ProjectedProgram:
     def __init__(
         self, program: AnyProgram, robot: Robot, places: tuple[IndexArray, IndexArray], n_columns: int
     ) -> None:
-        self._program, self._robot = program, robot
+        self._program = program
         is_mixed = find_mixed_joints(robot)
         filled = np.zeros((robot.n, n_columns), dtype=bool)
         filled[places] = True
@@ -182,34 +175,25 @@ class ProjectedProgram:
         """Number of operations a sample."""
         return self._program.n_instructions + len(self._mixed) * math.prod(self._block_shape)
 
-    def __call__(
-        self, *inputs: FloatArray, out: FloatArray | None = None, unknown: BoolArray | None = None
-    ) -> FloatArray:
+    def __call__(self, *inputs: FloatArray, out: FloatArray, mixing: FloatArray) -> None:
         """Evaluate on samples, as a `Program` does.
 
         Parameters
         ----------
         inputs : (m, width) or (width,)
-        out : (m, n_outputs), optional
-        unknown : (m, n) of bool, optional
-            Joints whose torques are taken out of the equations of the others.
-
-        Returns
-        -------
-        (m, n_outputs)
+        out : (m, n_outputs)
+            Where the entries are put.
+        mixing : (m, k, k)
+            From `yield_mixing_matrices`.
         """
-        entries = self._program(*inputs)
-        if out is None:
-            out = np.empty((len(entries), self.n_outputs))
-        q = np.broadcast_to(inputs[0], (len(entries), self._robot.n))
+        entries = np.empty((len(out), self._program.n_outputs))
+        _run(self._program, inputs, entries, mixing)
         size = math.prod(self._block_shape)
-        for part, mixing, _ in yield_mixing_matrices(self._robot, q, unknown):
-            block = np.zeros((len(mixing), *self._block_shape))
-            block[:, self._into_block[0], self._into_block[1]] = entries[part][:, self._from_program]
-            # One axis is split in two, so that this is no copy.
-            np.matmul(mixing, block, out=out[part, :size].reshape(block.shape))
-            out[part, self._other_places] = entries[part][:, self._others]
-        return out
+        block = np.zeros((len(entries), *self._block_shape))
+        block[:, self._into_block[0], self._into_block[1]] = entries[:, self._from_program]
+        # One axis is split in two, so that this is no copy.
+        np.matmul(mixing, block, out=out[:, :size].reshape(block.shape))
+        out[:, self._other_places] = entries[:, self._others]
 
 
 # Places of these inputs in a program.
@@ -409,7 +393,15 @@ class Observation:
             np.zeros(len(self.runs)) if further.runs is None else further.runs,
             reference.to_vector(self.robot),
         )
-        return _run(self.program, inputs, out, unknown)
+        if out is None:
+            out = np.empty((len(q), len(self.entry_rows)))
+        if not self.robot.contacts or isinstance(self.program, Program):
+            _run(self.program, inputs, out, np.empty(0))
+            return out
+        # All programs share the matrices of a sample, which take longer than they.
+        for part, mixing, _ in yield_mixing_matrices(self.robot, q, unknown):
+            _run(self.program, [item[part] if item.ndim == 2 else item for item in inputs], out[part], mixing)
+        return out
 
     def compute_sliding_states(self, dq: FloatArray) -> FloatArray:
         """Return the steady states (m, number of hysteresis signals) of joints that keep on moving at dq (m, n)."""

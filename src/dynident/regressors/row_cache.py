@@ -188,16 +188,16 @@ def _bound_values(observation: Observation, recordings: Sequence[Recording], pre
 
 
 def _make_sample_reader(
-    kept_rows: CachedRows | None,
+    known: CachedRows | None,
     observation: Observation,
     at_rest: Observation | None,
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
 ) -> Callable[[Recording], Iterator[FilteredSamples]] | None:
     """Return the function that gives a recording's samples, with the help of cached ones; None without any."""
-    if kept_rows is None:
+    if known is None:
         return None
-    return lambda recording: _read_samples(observation, at_rest, recording, preprocessing, reference, kept_rows)
+    return lambda recording: _read_samples(observation, at_rest, recording, preprocessing, reference, known)
 
 
 def _read_samples(
@@ -206,15 +206,15 @@ def _read_samples(
     recording: Recording,
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    kept_rows: CachedRows | None,
+    known: CachedRows | None,
 ) -> Iterator[FilteredSamples]:
-    if kept_rows is not None and kept_rows.observation is observation:
-        known = kept_rows.find_samples(recording, preprocessing)
-        if known is not None:
-            yield from known
+    if known is not None and known.observation is observation:
+        samples = known.find_samples(recording, preprocessing)
+        if samples is not None:
+            yield from samples
             return
     # The cached leading columns (head), and the new ones behind them (tail).
-    head = None if kept_rows is None else kept_rows.find_samples(recording, preprocessing)
+    head = None if known is None else known.find_samples(recording, preprocessing)
     phases = RowPhases.from_recording(observation, recording, preprocessing)
     if head is None or observation.parts is None:
         yield from stream_filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
@@ -230,16 +230,16 @@ def _read_samples(
         yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
 
 
-def _is_extension(observation: Observation, reference: ReferenceParameters, kept_rows: CachedRows) -> bool:
+def _is_extension(observation: Observation, reference: ReferenceParameters, known: CachedRows) -> bool:
     """Return whether the cached rows are those of the leading columns, or all, with the same instants left out."""
-    if observation is kept_rows.observation:
-        return kept_rows.reference is None or reference.equals(kept_rows.reference)
-    if observation.parts is None or observation.parts[0] is not kept_rows.observation:
+    if observation is known.observation:
+        return known.reference is None or reference.equals(known.reference)
+    if observation.parts is None or observation.parts[0] is not known.observation:
         return False
     # More friction takes more instants out before the filter, which changes every column's filtered rows.
-    if not have_same_instants(observation, kept_rows.observation):
+    if not have_same_instants(observation, known.observation):
         return False
-    return kept_rows.reference is None or reference.equals(kept_rows.reference)
+    return known.reference is None or reference.equals(known.reference)
 
 
 def _is_same_recording(first: Recording, second: Recording) -> bool:

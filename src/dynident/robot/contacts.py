@@ -8,7 +8,6 @@ air too, whose force is zero: that costs information, but makes no error.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 
 import numpy as np
 
@@ -307,30 +306,12 @@ def _compute_sliding(robot: Robot, q: FloatArray, dq: FloatArray) -> tuple[Float
     return velocities, np.asarray(_compute_shares(robot, frames) == 1.0)
 
 
-def compute_elimination(robot: Robot, q: FloatArray, unknown: BoolArray) -> FloatArray:
-    """Return the matrix E that takes the torques of some joints out of the projected equations of the others.
+def _compute_elimination(projection: FloatArray, unknown: BoolArray) -> FloatArray:
+    """Return the matrix E (m, n, n) that takes the torques of some joints out of the projected equations of the others.
 
     With P the projection of the contacts, E P has no column of these joints, as if J had a row more for each of them
     that stands; their own rows of it are zero.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    q : ndarray (m, n)
-        Positions of the driven joints, rad or m.
-    unknown : ndarray (m, n) of bool
-        Joints whose torques are not known.
-
-    Returns
-    -------
-    ndarray (m, n, n)
-        E at each position.
     """
-    return _eliminate(compute_contact_projection(robot, q), unknown)
-
-
-def _eliminate(projection: FloatArray, unknown: BoolArray) -> FloatArray:
     own = projection * (unknown[:, :, None] & unknown[:, None, :])
     sizes, directions = np.linalg.eigh(own)
     # Of a torque that P takes away almost wholly, the rest tells nothing.
@@ -358,29 +339,20 @@ def yield_mixing_matrices(
     (slice, ndarray (s, k, k), ndarray (s, k, k) or None)
         Samples, E P of the k joints of `find_mixed_joints`, and E; None where it is the identity.
     """
-    # The bytes are read back as these numbers.
-    q = np.asarray(q, dtype=np.float64)
+    mixed = np.flatnonzero(find_mixed_joints(robot))
     for first in range(0, len(q), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        some = None if unknown is None or not unknown[part].any() else unknown[part].tobytes()
-        yield part, *_compute_mixing(robot, q[part].tobytes(), some)
+        mixing = compute_contact_projection(robot, q[part])[:, mixed][:, :, mixed]
+        elimination = None
+        if unknown is not None and unknown[part].any():
+            stands = unknown[part][:, mixed]
+            some = stands.any(axis=1)
+            elimination = np.zeros_like(mixing)
+            elimination[:] = np.eye(len(mixed))
+            elimination[some] = _compute_elimination(mixing[some], stands[some])
+            mixing = elimination @ mixing
+        yield part, mixing, elimination
 
 
-_AT_ONCE = 64
-"""Samples, so that what is in between stays in the processor's cache."""
-
-
-@lru_cache(maxsize=512)
-def _compute_mixing(robot: Robot, positions: bytes, unknown: bytes | None) -> tuple[FloatArray, FloatArray | None]:
-    """Return E P and E among the mixed joints; a diagnosis asks for those of the same samples over and over."""
-    q = np.frombuffer(positions).reshape(-1, robot.n)
-    mixed = np.flatnonzero(find_mixed_joints(robot))
-    mixing = compute_contact_projection(robot, q)[:, mixed][:, :, mixed]
-    if unknown is None:
-        return mixing, None
-    stands = np.frombuffer(unknown, dtype=bool).reshape(-1, robot.n)[:, mixed]
-    elimination = np.zeros_like(mixing)
-    elimination[:] = np.eye(len(mixed))
-    some = stands.any(axis=1)
-    elimination[some] = _eliminate(mixing[some], stands[some])
-    return elimination @ mixing, elimination
+_AT_ONCE = 256
+"""Samples: with fewer, calls cost more than they compute; with more, what is in between needs memory for nothing."""

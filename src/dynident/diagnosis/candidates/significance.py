@@ -179,8 +179,9 @@ class ScoredCandidate:
     after : (s, n)
         Squared errors with the candidate, held out, N² m².
     drop : float
-        Share of the squared held-out error that it removes, the smaller of the two kinds of folds: on the joint where
-        that share is largest for an effect of one joint or of the whole robot, on all its joints for a group.
+        Share of the squared error on left-out blocks that it removes, the smaller of the two kinds of folds: on the
+        joint where that share is largest for an effect of one joint or of the whole robot, on all its joints for a
+        group.
     t : float
         t of the roots of the gains over the blocks.
     gains : (s,)
@@ -248,7 +249,7 @@ class ScoredCandidate:
 
     @property
     def error_drop(self) -> float:
-        """Share of the held-out error, in N m, that it removes on the joints that it is told of."""
+        """Share of the error on left-out blocks, in N m, that it removes on the joints that it is told of."""
         joints = self.reported_joints
         before, after = float(self.before[:, joints].sum()), float(self.after[:, joints].sum())
         return 1.0 - float(np.sqrt(after / before)) if before > 0 else 0.0

@@ -73,6 +73,8 @@ def _is_shown_by_several_runs(state: State, rows: Products, own: tuple[int, ...]
     sizes, directions = np.linalg.eigh(whole / np.outer(scale, scale))
     # Combinations that no run shows are not in question.
     shown = sizes > _SHOWN * sizes[-1]
+    if not shown.any():
+        return False
     whitening = directions[:, shown] / np.sqrt(sizes[shown]) / scale[:, None]
     return all(
         np.linalg.eigvalsh(whitening.T @ fit.get_remaining_products(0)[0] @ whitening)[0] > 1.0 - NEARLY_ALL

@@ -214,8 +214,8 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
     before, after = (compute_errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))
     if after > FREE * before:
         return fitted
-    # A fit that bodies that can exist have stays exactly as it is. One that they do not have is moved even where no
-    # limit is named: the solver of limits may stop a little before them.
+    # Parameters of bodies that can exist, with no limit reached, stay exactly as they are. Others are moved: to the
+    # limits that are reached, or where the solver stopped a little before them and no limit is named.
     if nearest.is_feasible and not nearest.limits:
         return fitted.with_changes(standard=nearest.standard)
     return fitted.with_changes(solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
