@@ -592,14 +592,14 @@ def test_lines_of_properties_below_the_names_are_told(tmp_path):
     assert any(remark.startswith("2 lines below the names") for remark in source.remarks)
 
 
-@pytest.mark.parametrize("cell", ["Mar 14", "14. Mrz", "3-Dez", "14-Mar", "3/14/2024", "Jan 02"])
+@pytest.mark.parametrize("cell", ["Mar 14", "14. Mrz", "3-Dez", "14-Mar", "3/14/2024", "Jan 02", "7-Juni"])
 def test_dates_that_a_spreadsheet_made_of_numbers_are_named(tmp_path, cell):
     with pytest.raises(RecordingError, match="Cells of q1 are dates") as refused:
         read_columns(written(tmp_path / "run.csv", f"t,q1,tau1\n{ROWS}9.8,{cell},1.0\n9.9,1.0,1.0\n"))
     assert repr(cell) in str(refused.value)
 
 
-@pytest.mark.parametrize("cell", ["n.c.", "overflow", "e5", "no data"])
+@pytest.mark.parametrize("cell", ["n.c.", "overflow", "e5", "no data", "Error 12", "STOP-1", "mode-2", "12.deg"])
 def test_words_among_numbers_are_shown(tmp_path, cell):
     path = written(tmp_path / "run.csv", f"t,q1,tau1\n{ROWS}9.8,{cell},1.0\n9.9,1.0,1.0\n")
     assert np.isnan(read_columns(path)["q1"]).sum() == 1
@@ -694,6 +694,12 @@ def test_torques_without_their_sign_are_named(tmp_path):
     # Of links that are held on one side no torque changes its sign, and none comes to 0.
     _, proposal = propose_of(tmp_path, run.t, run.q, run.tau - run.tau.min(axis=0) + 0.02 * np.ptp(run.tau, axis=0))
     assert "lost_sign" not in [question.check for question in proposal.questions]
+    # A lift that locks itself holds its load on the way up, and needs nearly nothing on the way down.
+    lift = 40.0 + 38.0 * np.tanh(20.0 * np.sin(2.0 * np.pi * run.t / 8.0))
+    lift += np.random.default_rng(0).normal(0.0, 0.4, len(lift))
+    assert lift.min() > 0.0
+    _, proposal = propose_of(tmp_path, run.t, run.q, np.column_stack([lift, run.tau[:, 1:] + 500.0]))
+    assert "lost_sign" not in [question.check for question in proposal.questions]
 
 
 def test_a_torque_that_was_written_twice_is_named(tmp_path):
@@ -703,6 +709,11 @@ def test_a_torque_that_was_written_twice_is_named(tmp_path):
     _, proposal = propose_of(tmp_path, run.t, run.q, tau)
     (question,) = proposal.questions
     assert (question.check, question.remedies[0].value) == ("repeated_torque", {"tau3": "none"})
+    # Two fingers that one motor drives may have its torque both.
+    q = run.q.copy()
+    q[:, 2] = -q[:, 1]
+    _, proposal = propose_of(tmp_path, run.t, q, tau)
+    assert "repeated_torque" not in [question.check for question in proposal.questions]
 
 
 def test_of_exchanged_columns_no_unit_is_asked(tmp_path):
