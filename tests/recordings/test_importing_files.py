@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from support.recording_data import GAINS, JOINTS, motion, write_csv, write_parquet
 
+from dynident.errors import Remedy
 from dynident.recordings import (
     JointLimits,
     Preprocessing,
@@ -308,6 +309,22 @@ def test_short_pieces_between_gaps_are_refused_with_how_much_of_the_time_is_lost
     columns = {name: values[np.arange(len(values)) % 250 < 150] for name, values in motion().items()}
     with pytest.raises(RecordingError, match=r"Gaps take 38\s% of the time \(gaps: 11\)"):
         imported(write_parquet(tmp_path / "run.parquet", columns))
+
+
+def test_bursts_of_a_buffer_have_a_rate_and_lost_rows_have_none(tmp_path):
+    columns = motion()
+    k = np.arange(len(columns["t"]))
+    # Bursts of 20 rows, the last one begun only: whole ones are counted.
+    received = {**columns, "t": (k // 20 + 1) / 10.0 + 4e-4 * (k % 20)}
+    received = {name: values[:-7] for name, values in received.items()}
+    with pytest.raises(RecordingError, match="come 20 at a time") as bursts:
+        imported(write_parquet(tmp_path / "run.parquet", received))
+    assert bursts.value.remedies[0] == Remedy("rate", 200.0)
+    ends = np.cumsum(np.random.default_rng(0).integers(60, 250, 12))
+    lost = np.isin(k, (ends[:, None] - np.arange(50)).ravel())
+    with pytest.raises(RecordingError, match="Gaps take") as refused:
+        imported(write_parquet(tmp_path / "run.parquet", {name: values[~lost] for name, values in columns.items()}))
+    assert ("at a time" in str(refused.value), "rate" in str(refused.value.remedies)) == (False, False)
 
 
 def test_rows_that_repeat_the_one_before_are_left_out_with_a_warning(tmp_path):
