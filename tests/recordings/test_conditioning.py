@@ -102,6 +102,19 @@ def test_the_check_says_from_which_size_on_samples_are_found():
         assert found[1] > 0.8
 
 
+def test_the_named_size_is_a_share_of_the_range_of_the_whole_file():
+    """A recording may begin with a long standstill, and a joint may rest all the time: both have noise alone."""
+    _, moving = arm_signals(3, 200.0, 60.0)
+    values = np.vstack([np.tile(moving[:1], (60 * 200, 1)), moving])
+    values[:, 1] = 0.0
+    noise = np.array([1e-5] * N + [0.05] * N)
+    values += noise * np.random.default_rng(0).normal(size=values.shape)
+    detail = conditioned(np.arange(len(values)) / 200.0, values)[1]["corrupted_samples"].detail
+    shares = [float(share) for share in re.findall(r"([\d.]+)\s%\sof the range", detail)]
+    assert len(shares) == 2
+    assert max(shares) < 30.0
+
+
 @pytest.mark.sweep
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("longest", [1, 4])

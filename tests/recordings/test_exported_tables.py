@@ -629,6 +629,20 @@ def test_a_file_that_is_cut_short_says_so_and_what_to_do(tmp_path):
             read_columns(cut(path))
 
 
+def test_sound_files_that_are_not_read_are_not_called_damaged(tmp_path):
+    names = [f"c{k}" for k in range(10_001)]
+    pq.write_table(pa.table([[0.0]] * len(names), names=names), tmp_path / "wide.parquet")
+    objects = np.array([{}, None], dtype=object)
+    np.save(tmp_path / "objects.npy", objects)
+    np.savez(tmp_path / "objects.npz", q=objects)
+    with zipfile.ZipFile(tmp_path / "lzma.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("q.npy", b"")
+    for path in tmp_path.iterdir():
+        with pytest.raises(RecordingError, match=r"at most 10000|Python objects|by a method") as refused:
+            open_source(path, None)
+        assert "damaged" not in str(refused.value)
+
+
 def test_the_reader_of_a_file_that_is_refused_has_ended(tmp_path, monkeypatch):
     # A thread of Arrow that calls Python while the program ends aborts it.
     ends = []

@@ -288,13 +288,17 @@ def test_runs_with_a_long_pause_between_them_in_one_file_are_taken_as_two(tmp_pa
     assert next(check for check in checks if check.name == "gaps").status == "warning"
 
 
-@pytest.mark.parametrize(("pause", "status"), [(60.0, "ok"), (0.5, "warning")])
-def test_a_pause_at_standstill_between_two_repetitions_is_no_lost_sample(tmp_path, pause, status):
+@pytest.mark.parametrize(
+    ("pause", "status", "is_resting"), [(60, "ok", False), (60, "ok", True), (0.5, "warning", False)]
+)
+def test_a_pause_at_standstill_between_two_repetitions_is_no_lost_sample(tmp_path, pause, status, is_resting):
     once = motion()
     t = once["t"]
     # From rest to rest, as a designed motion begins and ends.
     rest = np.clip(4.0 * np.minimum(t, t[-1] - t) / t[-1], 0.0, 1.0) ** 3
     once |= {name: values * rest for name, values in once.items() if name.startswith("q")}
+    if is_resting:
+        once["q2"] = 1e-5 * np.random.default_rng(0).normal(size=len(t))
     columns = {name: np.concatenate([values, values]) for name, values in once.items()}
     columns["t"] = np.concatenate([t, t + t[-1] + pause])
     recording, checks = imported(write_parquet(tmp_path / "run.parquet", columns))
@@ -320,8 +324,8 @@ def test_bursts_of_a_buffer_have_a_rate_and_lost_rows_have_none(tmp_path):
     with pytest.raises(RecordingError, match="come 20 at a time") as bursts:
         imported(write_parquet(tmp_path / "run.parquet", received))
     assert bursts.value.remedies[0] == Remedy("rate", 200.0)
-    ends = np.cumsum(np.random.default_rng(0).integers(60, 250, 12))
-    lost = np.isin(k, (ends[:, None] - np.arange(50)).ravel())
+    ends = np.cumsum(np.random.default_rng(0).integers(130, 320, 12))
+    lost = np.isin(k, (ends[:, None] - np.arange(100)).ravel())
     with pytest.raises(RecordingError, match="Gaps take") as refused:
         imported(write_parquet(tmp_path / "run.parquet", {name: values[~lost] for name, values in columns.items()}))
     assert ("at a time" in str(refused.value), "rate" in str(refused.value.remedies)) == (False, False)
