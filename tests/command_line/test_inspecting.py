@@ -10,8 +10,9 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import dynident, write_run
 
+from dynident.api.robot_files import load_robot
 from dynident.errors import Remedy
-from dynident.identification.column_inference import Question
+from dynident.identification.column_inference import Question, inspect_file
 from dynident.recordings import RecordingMetadata
 from dynident_cli.metadata_files import StatedAnswers, describe_answer, describe_columns
 
@@ -153,6 +154,22 @@ def test_only_files_with_other_names_are_proposed(foreign, tmp_path):
     partial.write_text('{"columns": {"q1": "act_pos_1"}}')
     refused = dynident("identify", "scara", foreign[0], "--metadata", partial)
     assert (refused.code != 0, "as proposed" in refused.err) == (True, False)
+
+
+def test_ticks_of_a_clock_are_asked_about_beside_the_torque(tmp_path):
+    run = write_run(tmp_path / "run.csv", 2)
+    names = run.read_text().splitlines()[0].replace('"', "").replace("t,", "TIMESTAMP,", 1)
+    values = np.loadtxt(run, delimiter=",", skiprows=1)
+    values[:, 0] = np.round(24e6 * values[:, 0]) + 8e12
+    ticks = tmp_path / "ticks.csv"
+    np.savetxt(ticks, values, delimiter=",", header=names, comments="", fmt="%.17g")
+    proposal = inspect_file(ticks, load_robot("scara")).proposal
+    assert proposal is not None
+    asked = {question.field: question.choices for question in proposal.questions}
+    assert "units/t" in asked
+    assert asked.get("units/tau3", ("mN",)) == ("mN",)
+    stated = dynident("identify", "scara", ticks, "--as-proposed", "--rate", 100)
+    assert stated.code == 0, stated.err
 
 
 def test_columns_are_told_by_their_kinds():
