@@ -343,12 +343,12 @@ class TimeScan:
         if not len(back):
             return
         at, row = int(back[0]), int(ends[back[0]])
-        cure = (
-            "Sort the rows by time; if the file contains several recordings, separate them by a column `segment` of "
-            "whole numbers."
-        )
-        if (steps[same] < 0).mean() > BACKWARD_SHARE:
-            cure = "It does so in nearly every row: the rows are in reverse order. Write the earliest row first."
+        cure = "Sort the rows by time; separate several recordings in one file by a column `segment` of whole numbers."
+        remedies = (Remedy("rate"),) if (steps[same] < 0).mean() > BACKWARD_SHARE else ()
+        for remedy in remedies:
+            cure = (
+                f"All the rows are in reverse order: write the earliest first; of a countdown state {remedy} instead."
+            )
         raise RecordingError(
             f"Column {self.name} goes back from {format_time(t[at])} s to {format_time(t[at + 1])} s in row {row}. "
             f"{cure}",
@@ -356,6 +356,7 @@ class TimeScan:
             title="Unsorted time",
             row=row,
             time=float(t[at + 1]),
+            remedies=remedies,
         )
 
     def _sort_steps(self) -> None:
