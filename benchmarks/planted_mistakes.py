@@ -514,7 +514,7 @@ def is_told_by_data(robot: Robot, untouched: Recording, planted: Planted) -> boo
 
     A likelihood ratio on held-out data: the mean log share of the torque that is left has to rise by `SURELY` standard
     errors among blocks of time, with the same blocks on either side, and by more than the best wrong change of the
-    untouched file takes away. Nothing that notices mistakes has a say in it.
+    untouched file takes away. Of what notices mistakes only the delay of the untouched file has a say in it.
     """
     read = read_file(planted.robot or robot, planted.columns, RecordingMetadata(accept=ACCEPT))
     if read.recording is None:

@@ -95,23 +95,34 @@ def load_recordings(
 ) -> Recordings:
     """Read and check measurement files; see `read_recordings`."""
     # Options and metadata files are read before the first recording, which may take minutes.
-    metadata = _list_metadata(paths, robot, reading, friction)
-    if reading.as_proposed:
-        _tell_columns(metadata)
+    metadata = _list_metadata(paths, reading, friction)
+    options = option_parsers.parse_pairs(reading.columns, "--columns")
+    proposed: list[RecordingMetadata] = []
+
+    def propose(index: int) -> RecordingMetadata:
+        # A metadata file without columns holds answers to what is proposed; one with columns is the whole proposal.
+        stated = metadata[index]
+        if reading.as_proposed is False or not stated.columns.keys() <= options.keys():
+            return stated
+        proposed.append(_propose_metadata(paths[index], robot, stated, reading))
+        return proposed[-1]
+
     files = [SourceFile(path, stated.name) for path, stated in zip(paths, metadata, strict=True)]
     try:
-        return read_files(files, robot, metadata, cure=reading.cure, write_remedy=write_option, progress=progress)
-    except RecordingError as error:
+        if reading.as_proposed:
+            metadata = [propose(index) for index in range(len(paths))]
         # A file of another logger is read as proposed; where a question is open, that is the error.
-        if error.title == UNKNOWN_COLUMNS and reading.as_proposed is None:
-            return load_recordings(paths, robot, replace(reading, as_proposed=True), progress, friction)
+        return read_files(
+            files, robot, metadata, cure=reading.cure, write_remedy=write_option, propose=propose, progress=progress
+        )
+    except RecordingError as error:
         _add_remedies(error, reading)
         raise
+    finally:
+        _tell_columns(proposed)
 
 
-def _list_metadata(
-    paths: Sequence[Path], robot: Robot, reading: TimedReading, friction: Collection[Path]
-) -> list[RecordingMetadata]:
+def _list_metadata(paths: Sequence[Path], reading: TimedReading, friction: Collection[Path]) -> list[RecordingMetadata]:
     """Return the metadata of each file by the options, with the names by which options name the recordings."""
     names = make_unique_names(paths)
     windows = option_parsers.parse_windows(reading.windows, names, _list_neighbours(paths))
@@ -121,10 +132,6 @@ def _list_metadata(
     metadata_of_files = []
     for path, name in zip(paths, names, strict=True):
         base_metadata = metadata_by_name.get(name, RecordingMetadata())
-        # A metadata file without columns holds answers to what is proposed; one with columns is the whole proposal.
-        if reading.as_proposed and not base_metadata.columns:
-            answers = StatedAnswers(columns, units, reading.accept, reading.cure, base_metadata)
-            base_metadata = _propose_metadata(path, robot, answers, reading.rate)
         # Options win over a metadata file, key by key for columns and units.
         metadata = replace(
             base_metadata,
@@ -166,13 +173,15 @@ def _list_neighbours(paths: Sequence[Path]) -> set[str]:
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
-def _propose_metadata(path: Path, robot: Robot, answers: StatedAnswers, rate: float | None) -> RecordingMetadata:
+def _propose_metadata(path: Path, robot: Robot, stated: RecordingMetadata, reading: TimedReading) -> RecordingMetadata:
     from dynident.identification.column_inference import inspect_file
 
     check_readable(path)
     # Currents are no open question where the robot knows what torque they mean.
     has_gains = all(drive.gain is not None for drive in robot.drives)
-    return accept_proposal(path, inspect_file(path, robot, rate, answers.columns), has_gains=has_gains, answers=answers)
+    answers = StatedAnswers(stated.columns, stated.units, reading.accept, reading.cure, stated)
+    inspection = inspect_file(path, robot, stated.rate, stated.columns)
+    return accept_proposal(path, inspection, has_gains=has_gains, answers=answers)
 
 
 def read_effects(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:

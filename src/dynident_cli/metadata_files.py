@@ -13,6 +13,7 @@ from typing import Any, get_args
 from dynident.errors import DynidentError, word_remedies
 from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
+from dynident.recordings.units import JOINT_KINDS
 from dynident_cli.contract_documents import parse_metadata
 from dynident_cli.option_parsers import read_json_object
 from dynident_cli.request_options import write_option
@@ -63,10 +64,9 @@ class StatedAnswers:
             # Drive gains turn currents into torques; whether their size is plausible is checked when they are read.
             return True
         if question.check:
-            # A file that cannot be cured is refused when it is read, with the same sentence.
             is_corrected = any(getattr(self.metadata, name) for name in _CORRECTIONS)
             return (
-                (self.cure and question.field not in _NOT_CURED)
+                (self.cure and question.is_curable and question.field not in _NOT_CURED)
                 or is_corrected
                 or question.check in self.accept
                 or (question.field in ("units/tau",) and bool(self.units))
@@ -126,8 +126,9 @@ def describe_answer(question: Question) -> str:
 
 
 def _signal_kind(key: str) -> str:
-    """Return the kind of signal that a key names: "tau" for tau2 and for tau_elbow."""
-    return key.partition("_")[0].rstrip("0123456789")
+    """Return the kind of signal that a key names: "tau" for tau2 and for tau_elbow, "q_command" for q_command_elbow."""
+    kinds = (kind for kind in JOINT_KINDS if key.startswith(f"{kind}_") or key.rstrip("0123456789") == kind)
+    return max(kinds, key=len, default=key)
 
 
 def accept_proposal(
@@ -152,8 +153,7 @@ def accept_proposal(
             for question in open_questions
         )
         # Only what a check proposes is corrected unasked, and of the file alone.
-        can_cure = any(question.check and question.remedies and question.field not in _NOT_CURED
-                       for question in open_questions)  # fmt: skip
+        can_cure = any(question.is_curable and question.field not in _NOT_CURED for question in open_questions)
         raise DynidentError(
             f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "
             "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, "
@@ -172,7 +172,7 @@ def accept_proposal(
     # What the metadata file says goes before what is proposed.
     return replace(
         stated_answers.metadata,
-        columns=columns,
+        columns={**columns, **stated_answers.metadata.columns},
         units={**proposal.units, **stated_answers.metadata.units},
         effort_kind=stated_answers.metadata.effort_kind or proposal.effort_kind,
     )

@@ -10,10 +10,11 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import dynident, write_run
 
+from dynident.api.robot_files import load_robot
 from dynident.errors import Remedy
-from dynident.identification.column_inference import Question
+from dynident.identification.column_inference import Question, inspect_file
 from dynident.recordings import RecordingMetadata
-from dynident_cli.metadata_files import StatedAnswers, describe_answer
+from dynident_cli.metadata_files import StatedAnswers, describe_answer, describe_columns
 
 
 @pytest.fixture
@@ -128,13 +129,62 @@ def test_what_has_to_be_answered_is_not_taken_as_proposed(foreign, tmp_path):
     assert "--cure" not in refused.err
 
 
+def test_the_remedy_of_a_repeated_torque_leads_to_a_model(foreign):
+    fit, other = foreign
+    names, values = fit.read_text().splitlines()[0].lstrip("# "), np.loadtxt(fit, delimiter=",", skiprows=1)
+    own = [name.strip() for name in names.split(",")]
+    values[:, own.index("act_trq_2")] = values[:, own.index("act_trq_1")]
+    np.savetxt(fit, values, delimiter=",", header=names, comments="")
+    refused = dynident("identify", "scara", fit)
+    assert (refused.code != 0, "--columns tau2=none" in refused.err, "--cure" in refused.err) == (True, True, False)
+    again = dynident("identify", "scara", fit, "--columns", "tau2=none")
+    assert again.code == 0, again.err
+    # One joint's column is stated: the others are proposed all the same.
+    stated = dynident("identify", "scara", other, "--columns", "tau1=act_trq_1")
+    assert stated.code == 0, stated.err
+
+
+def test_only_files_with_other_names_are_proposed(foreign, tmp_path):
+    """A file that states its columns, and one with the usual names, are read as they are."""
+    usual = tmp_path / "run1.csv"
+    together = dynident("identify", "scara", usual, "-v", foreign[1])
+    assert together.code == 0, together.err
+    assert "Columns of foreign2 as proposed: t: Time (ms)" in together.err
+    partial = tmp_path / "partial.json"
+    partial.write_text('{"columns": {"q1": "act_pos_1"}}')
+    refused = dynident("identify", "scara", foreign[0], "--metadata", partial)
+    assert (refused.code != 0, "as proposed" in refused.err) == (True, False)
+
+
+def test_ticks_of_a_clock_are_asked_about_beside_the_torque(tmp_path):
+    run = write_run(tmp_path / "run.csv", 2)
+    names = run.read_text().splitlines()[0].replace('"', "").replace("t,", "TIMESTAMP,", 1)
+    values = np.loadtxt(run, delimiter=",", skiprows=1)
+    values[:, 0] = np.round(24e6 * values[:, 0]) + 8e12
+    ticks = tmp_path / "ticks.csv"
+    np.savetxt(ticks, values, delimiter=",", header=names, comments="", fmt="%.17g")
+    proposal = inspect_file(ticks, load_robot("scara")).proposal
+    assert proposal is not None
+    asked = {question.field: question.choices for question in proposal.questions}
+    assert "units/t" in asked
+    assert asked.get("units/tau3", ("mN",)) == ("mN",)
+    stated = dynident("identify", "scara", ticks, "--as-proposed", "--rate", 100)
+    assert stated.code == 0, stated.err
+
+
+def test_columns_are_told_by_their_kinds():
+    columns = {"q_a": "p1", "q_b": "p2", "q_command_a": "c1", "q_command_b": "c2", "base_qx": "x"}
+    told = describe_columns(RecordingMetadata(columns=columns, units={"q": "deg"}))
+    assert told == "q: p1 … p2 (deg); q_command: c1 … c2; base_qx: x"
+
+
 def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):
     fit = foreign[0]
     names, values = fit.read_text().splitlines()[0], np.loadtxt(fit, delimiter=",", skiprows=1)
     reaction = np.where([name.startswith("act_trq") for name in names.split(",")], -1.0, 1.0)
     np.savetxt(fit, values * reaction, delimiter=",", header=names, comments="")
     refused = dynident("identify", "scara", fit, "--as-proposed")
-    assert (refused.code != 0, "all torques" in refused.err, "--cure" in refused.err) == (True, True, True)
+    assert (refused.code != 0, "all torques" in refused.err, "--cure" in refused.err) == (True, True, False)
     # In a mirror this arm is the same: the cure is not ours to choose.
     undecided = dynident("identify", "scara", fit, "--as-proposed", "--cure")
     assert (undecided.code != 0, "all positions" in undecided.err) == (True, True)
@@ -147,6 +197,7 @@ def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):
     assert stated.code == 0, stated.err
 
 
+REMEDIES = (Remedy("columns", {"tau2": "none"}),)
 ZERO_STATED = RecordingMetadata(zeros={"q3": 1.5})
 
 
@@ -159,9 +210,10 @@ ZERO_STATED = RecordingMetadata(zeros={"q3": 1.5})
         (Question("units/q", "?"), StatedAnswers(units={"q2": "deg"}), True),
         (Question("units/q", "?"), StatedAnswers(units={"tau": "N m"}), False),
         (Question("columns", "?", check="torque_order"), StatedAnswers(accept=["torque_order"]), True),
-        (Question("columns", "?", check="torque_order"), StatedAnswers(cure=True), True),
+        (Question("columns", "?", check="torque_order", is_curable=True), StatedAnswers(cure=True), True),
+        (Question("columns", "?", check="repeated_torque", remedies=REMEDIES), StatedAnswers(cure=True), False),
         (Question("gravity", "?", check="gravity_direction"), StatedAnswers(units={"q": "rad"}), False),
-        (Question("zeros", "?", check="joint_zero"), StatedAnswers(cure=True), False),
+        (Question("zeros", "?", check="joint_zero", is_curable=True), StatedAnswers(cure=True), False),
         (
             Question("zeros", "?", check="joint_zero"),
             StatedAnswers(metadata=RecordingMetadata(zeros={"q3": 1.5})),

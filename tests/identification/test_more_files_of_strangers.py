@@ -48,8 +48,9 @@ def test_rows_in_reverse_order_are_told_as_that(tmp_path: Path, seed: int) -> No
         "t runs backward: the rows are in reverse order, or it counts down. Write the earliest"
     )
     assert [remedy.field for remedy in asked.remedies] == ["rate"]
-    with pytest.raises(RecordingError, match="the rows are in reverse order"):
+    with pytest.raises(RecordingError, match="the rows are in reverse order") as refused:
         read(given.robot, tmp_path, columns)
+    assert [remedy.field for remedy in refused.value.remedies] == ["rate"]
 
 
 def test_a_file_with_a_row_for_each_signal_is_to_be_transposed() -> None:

@@ -72,6 +72,19 @@ def test_corrupted_positions_that_stand_close_together_hide_no_others(seed):
     assert found.sum() == len(rows)
 
 
+@pytest.mark.parametrize(("frequency", "decay"), [(12.5, 0.3), (15.0, 0.2)])
+def test_a_joint_that_stands_is_struck_and_rings_has_no_corrupted_samples(frequency, decay):
+    t = np.arange(6000) / 100.0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        since = (t - 3.0 - rng.uniform(0.0, 0.3)) % 6.0
+        q = np.where(t > 3.5, 2e-3 * np.exp(-since / decay) * np.sin(2.0 * np.pi * frequency * since), 0.0)
+        values = np.column_stack([q + 1e-5 * rng.normal(size=len(t)), np.cos(t) + 0.01 * rng.normal(size=len(t))])
+        right, checks = conditioned(t, values, RecordedJoints(["joint1"], [JointLimits()]))
+        assert checks["corrupted_samples"].status == "ok", checks["corrupted_samples"]
+        np.testing.assert_array_equal(right, values)
+
+
 def test_the_check_says_from_which_size_on_samples_are_found():
     t, values = arm_signals(3, 200.0, 20.0)
     detail = conditioned(t, values)[1]["corrupted_samples"].detail
@@ -87,6 +100,19 @@ def test_the_check_says_from_which_size_on_samples_are_found():
             found.append(marked(conditioned(t, spoilt)[1]["corrupted_samples"], values.shape)[rows, column].mean())
         assert found[0] == 0.0
         assert found[1] > 0.8
+
+
+def test_the_named_size_is_a_share_of_the_range_of_the_whole_file():
+    """A recording may begin with a long standstill, and a joint may rest all the time: both have noise alone."""
+    _, moving = arm_signals(3, 200.0, 60.0)
+    values = np.vstack([np.tile(moving[:1], (60 * 200, 1)), moving])
+    values[:, 1] = 0.0
+    noise = np.array([1e-5] * N + [0.05] * N)
+    values += noise * np.random.default_rng(0).normal(size=values.shape)
+    detail = conditioned(np.arange(len(values)) / 200.0, values)[1]["corrupted_samples"].detail
+    shares = [float(share) for share in re.findall(r"([\d.]+)\s%\sof the range", detail)]
+    assert len(shares) == 2
+    assert max(shares) < 30.0
 
 
 @pytest.mark.sweep

@@ -35,6 +35,7 @@ from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
 from dynident.recordings.formats import csv_and_parquet, json_records, open_source
 from dynident.recordings.formats.text_streams import TextContent, find_stated_rate
+from dynident.recordings.torque_checks import _has_lost_sign
 from dynident.robot import robot_from_urdf
 from dynident.robot.description_and_json import set_base
 
@@ -592,14 +593,14 @@ def test_lines_of_properties_below_the_names_are_told(tmp_path):
     assert any(remark.startswith("2 lines below the names") for remark in source.remarks)
 
 
-@pytest.mark.parametrize("cell", ["Mar 14", "14. Mrz", "3-Dez", "14-Mar", "3/14/2024", "Jan 02"])
+@pytest.mark.parametrize("cell", ["Mar 14", "14. Mrz", "3-Dez", "14-Mar", "3/14/2024", "Jan 02", "7-Juni"])
 def test_dates_that_a_spreadsheet_made_of_numbers_are_named(tmp_path, cell):
     with pytest.raises(RecordingError, match="Cells of q1 are dates") as refused:
         read_columns(written(tmp_path / "run.csv", f"t,q1,tau1\n{ROWS}9.8,{cell},1.0\n9.9,1.0,1.0\n"))
     assert repr(cell) in str(refused.value)
 
 
-@pytest.mark.parametrize("cell", ["n.c.", "overflow", "e5", "no data"])
+@pytest.mark.parametrize("cell", ["n.c.", "overflow", "e5", "no data", "Error 12", "STOP-1", "mode-2", "12.deg"])
 def test_words_among_numbers_are_shown(tmp_path, cell):
     path = written(tmp_path / "run.csv", f"t,q1,tau1\n{ROWS}9.8,{cell},1.0\n9.9,1.0,1.0\n")
     assert np.isnan(read_columns(path)["q1"]).sum() == 1
@@ -626,6 +627,20 @@ def test_a_file_that_is_cut_short_says_so_and_what_to_do(tmp_path):
     for path in tmp_path.iterdir():
         with pytest.raises(RecordingError, match=r"cut short or damaged.*copy it again"):
             read_columns(cut(path))
+
+
+def test_sound_files_that_are_not_read_are_not_called_damaged(tmp_path):
+    names = [f"c{k}" for k in range(10_001)]
+    pq.write_table(pa.table([[0.0]] * len(names), names=names), tmp_path / "wide.parquet")
+    objects = np.array([{}, None], dtype=object)
+    np.save(tmp_path / "objects.npy", objects)
+    np.savez(tmp_path / "objects.npz", q=objects)
+    with zipfile.ZipFile(tmp_path / "lzma.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("q.npy", b"")
+    for path in tmp_path.iterdir():
+        with pytest.raises(RecordingError, match=r"at most 10000|Python objects|by a method") as refused:
+            open_source(path, None)
+        assert "damaged" not in str(refused.value)
 
 
 def test_the_reader_of_a_file_that_is_refused_has_ended(tmp_path, monkeypatch):
@@ -696,6 +711,15 @@ def test_torques_without_their_sign_are_named(tmp_path):
     assert "lost_sign" not in [question.check for question in proposal.questions]
 
 
+def test_a_lift_that_locks_itself_has_not_lost_its_sign():
+    """It holds its load on the way up, and needs nearly nothing on the way down."""
+    t = np.arange(12_000) / 200.0
+    up = np.sin(2.0 * np.pi * t / 8.0)
+    noise = np.abs(np.random.default_rng(0).normal(0.0, 0.5, len(t)))
+    assert not _has_lost_sign(40.0 + 39.6 * np.tanh(20.0 * up) + noise)
+    assert _has_lost_sign(np.abs(40.0 * up) + noise)
+
+
 def test_a_torque_that_was_written_twice_is_named(tmp_path):
     run = recorded(*CASES[0])
     tau = run.tau.copy()
@@ -703,6 +727,11 @@ def test_a_torque_that_was_written_twice_is_named(tmp_path):
     _, proposal = propose_of(tmp_path, run.t, run.q, tau)
     (question,) = proposal.questions
     assert (question.check, question.remedies[0].value) == ("repeated_torque", {"tau3": "none"})
+    # Two fingers that one motor drives may have its torque both.
+    q = run.q.copy()
+    q[:, 2] = -q[:, 1]
+    _, proposal = propose_of(tmp_path, run.t, q, tau)
+    assert "repeated_torque" not in [question.check for question in proposal.questions]
 
 
 def test_of_exchanged_columns_no_unit_is_asked(tmp_path):

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from support.recording_data import GAINS, JOINTS, motion, write_csv, write_parquet
 
+from dynident.errors import Remedy
 from dynident.recordings import (
     JointLimits,
     Preprocessing,
@@ -287,13 +288,17 @@ def test_runs_with_a_long_pause_between_them_in_one_file_are_taken_as_two(tmp_pa
     assert next(check for check in checks if check.name == "gaps").status == "warning"
 
 
-@pytest.mark.parametrize(("pause", "status"), [(60.0, "ok"), (0.5, "warning")])
-def test_a_pause_at_standstill_between_two_repetitions_is_no_lost_sample(tmp_path, pause, status):
+@pytest.mark.parametrize(
+    ("pause", "status", "is_resting"), [(60, "ok", False), (60, "ok", True), (0.5, "warning", False)]
+)
+def test_a_pause_at_standstill_between_two_repetitions_is_no_lost_sample(tmp_path, pause, status, is_resting):
     once = motion()
     t = once["t"]
     # From rest to rest, as a designed motion begins and ends.
     rest = np.clip(4.0 * np.minimum(t, t[-1] - t) / t[-1], 0.0, 1.0) ** 3
     once |= {name: values * rest for name, values in once.items() if name.startswith("q")}
+    if is_resting:
+        once["q2"] = 1e-5 * np.random.default_rng(0).normal(size=len(t))
     columns = {name: np.concatenate([values, values]) for name, values in once.items()}
     columns["t"] = np.concatenate([t, t + t[-1] + pause])
     recording, checks = imported(write_parquet(tmp_path / "run.parquet", columns))
@@ -308,6 +313,22 @@ def test_short_pieces_between_gaps_are_refused_with_how_much_of_the_time_is_lost
     columns = {name: values[np.arange(len(values)) % 250 < 150] for name, values in motion().items()}
     with pytest.raises(RecordingError, match=r"Gaps take 38\s% of the time \(gaps: 11\)"):
         imported(write_parquet(tmp_path / "run.parquet", columns))
+
+
+def test_bursts_of_a_buffer_have_a_rate_and_lost_rows_have_none(tmp_path):
+    columns = motion()
+    k = np.arange(len(columns["t"]))
+    # Bursts of 20 rows, the last one begun only: whole ones are counted.
+    received = {**columns, "t": (k // 20 + 1) / 10.0 + 4e-4 * (k % 20)}
+    received = {name: values[:-7] for name, values in received.items()}
+    with pytest.raises(RecordingError, match="come 20 at a time") as bursts:
+        imported(write_parquet(tmp_path / "run.parquet", received))
+    assert bursts.value.remedies[0] == Remedy("rate", 200.0)
+    ends = np.cumsum(np.random.default_rng(0).integers(130, 320, 12))
+    lost = np.isin(k, (ends[:, None] - np.arange(100)).ravel())
+    with pytest.raises(RecordingError, match="Gaps take") as refused:
+        imported(write_parquet(tmp_path / "run.parquet", {name: values[~lost] for name, values in columns.items()}))
+    assert ("at a time" in str(refused.value), "rate" in str(refused.value.remedies)) == (False, False)
 
 
 def test_rows_that_repeat_the_one_before_are_left_out_with_a_warning(tmp_path):

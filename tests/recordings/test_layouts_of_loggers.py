@@ -480,7 +480,7 @@ def test_a_description_in_millimetres_and_a_sensor_in_millivolts_say_so(tmp_path
         crooked_urdf(3, 4, ()),
     )
     (question,) = propose(read_sample(path), robot_from_urdf("large", text)).questions
-    assert "Divide the lengths in the description by 1000" in question.detail
+    assert "It would reach in mm 1.7 m. Write the lengths in the description in m." in question.detail
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -26,7 +27,7 @@ from dynident.presentation.recording_tables import build_guess_table
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Check, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.file_names_and_digests import check_readable_path, make_unique_names
-from dynident.recordings.recording_metadata import RevisionFields
+from dynident.recordings.recording_metadata import UNKNOWN_COLUMNS, RevisionFields
 from dynident.robot import Robot
 from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 
@@ -263,6 +264,7 @@ def read_files(
     *,
     cure: bool = False,
     write_remedy: Callable[[Remedy], str] = write_argument,
+    propose: Callable[[int], RecordingMetadata] | None = None,
     progress: Progress = ignore_progress,
 ) -> Recordings:
     """Read and check files, each with metadata of its own, and word what is wrong for a front end.
@@ -279,6 +281,9 @@ def read_files(
         Whether to read what would be refused as its checks propose.
     write_remedy : function
         Returns a remedy as it is written in that front end: as an argument, as an option.
+    propose : function, optional
+        Called with the number of a file without the usual columns, from 0: returns metadata to read it with, or the
+        same where there is nothing to propose.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -300,9 +305,14 @@ def read_files(
         share = scale_progress(progress, index / len(files), (index + 1) / len(files))
         try:
             known = list_shared_cures(outcomes) if cure else ()
-            recordings.append(
-                _read_recording(file, robot, stated, write_remedy, cure=cure, known=known, progress=share)
-            )
+            read = partial(_read_recording, file, robot, write_remedy=write_remedy, cure=cure, known=known)
+            try:
+                recordings.append(read(stated, progress=share))
+            except RecordingError as error:
+                proposed = propose(index) if propose and error.title == UNKNOWN_COLUMNS else stated
+                if proposed == stated:
+                    raise
+                recordings.append(read(proposed, progress=share))
             source = recordings[-1].source
             outcomes[stated.name] = () if source is None else source.edits
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.

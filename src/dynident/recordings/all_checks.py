@@ -17,7 +17,7 @@ from dynident.errors import Remedy
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata_revisions import adapt_cures
-from dynident.recordings.position_checks import check_motion
+from dynident.recordings.position_checks import MOVED, check_motion
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, Segment
 from dynident.recordings.recording_metadata import Check, RecordingError, RecordingMetadata
 from dynident.recordings.sampling_clock import EDGES
@@ -112,7 +112,9 @@ def has_only_pauses(recording: Recording, sample: RawSample) -> bool:
     steps = steps[(lasted > 0) & (lasted < 2 * _AT_GAP)]
     if not len(steps):
         return False
-    slow = _STANDING * np.percentile(steps, 95, axis=0)
+    # A joint that rests has noise alone, in pauses as elsewhere.
+    is_moving = np.ptp(sample.q, axis=0) > min(MOVED.values())
+    slow = np.where(is_moving, _STANDING * np.percentile(steps, 95, axis=0), np.inf)
 
     def moves(segment: Segment, first: int) -> bool:
         q = np.concatenate([block.q for block in recording.source.rows(segment.first_row + first, rows, rows)])

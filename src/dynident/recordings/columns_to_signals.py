@@ -436,12 +436,12 @@ class _ColumnFinder:
                 "gains in N m/rad."
             )
         advice, further = (".", ()) if joint is None else self._advise_without_column(kind, joint)
-        is_known = joint is not None and any(self.find(kind, k) for k in range(len(self.joint_names)))
+        names = {each.source for k in range(self.joints.n) if joint is not None and (each := self.find(kind, k))}
         return RecordingError(
             f"There is no column {expected} for {signal}{whose}{instead}. The file has: {available}. Name it by "
             f"{remedies[0]}{advice}{hint}",
             pointer=f"/columns/{ours}",
-            title="Missing column" if is_known else UNKNOWN_COLUMNS,
+            title="Missing column" if names - set(self.metadata.columns.values()) else UNKNOWN_COLUMNS,
             remedies=(*remedies, *further),
         )
 

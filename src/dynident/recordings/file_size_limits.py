@@ -63,8 +63,10 @@ def make_damaged_error(kind: str, error: BaseException) -> RecordingError:
     kind : str
         The format.
     error : BaseException
-        What the reader says.
+        What the reader says; an error that names another reason is returned as it is.
     """
+    if isinstance(error, RecordingError):
+        return error
     repair = f"; a recorder that was stopped leaves files that `{_REPAIRS[kind]}` closes" if kind in _REPAIRS else ""
     text = str(error).rstrip(". ")
     return RecordingError(

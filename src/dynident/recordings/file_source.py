@@ -276,3 +276,35 @@ def _to_whole_numbers(values: FloatArray, name: str, first_row: int) -> IntArray
             row=row + 1,
         )
     return values.astype(np.int64)
+
+
+FEWEST_BURSTS, LONGEST_BURST = 3, 200
+"""Whole bursts by which they are known, and rows of the longest: a receiver's buffer holds no more."""
+
+UNEVEN_ROWS, UNEVEN_TIMES = 0.25, 0.5
+"""Shares of the usual one by which the rows of a burst, and the time from one to the next, may differ."""
+
+
+def find_bursts(last_rows: IntArray, times: FloatArray) -> tuple[int, float]:
+    """Return how many rows come at a time where a buffer is read now and then, and the rate that they were sampled at.
+
+    Parameters
+    ----------
+    last_rows : (k,) of int
+        The last rows before gaps.
+    times : (k,)
+        Their times.
+
+    Returns
+    -------
+    tuple of int and float
+        Rows of a burst, and rows per unit of time of whole bursts; 0 where gaps are irregular, as those of lost rows.
+    """
+    if len(last_rows) <= FEWEST_BURSTS:
+        return 0, 0.0
+    rows, spans = np.diff(last_rows), np.diff(times)
+    burst, span = float(np.median(rows)), float(np.median(spans))
+    is_even = np.ptp(rows) <= UNEVEN_ROWS * burst and np.abs(spans - span).max() <= UNEVEN_TIMES * span
+    if burst > LONGEST_BURST or not is_even:
+        return 0, 0.0
+    return round(burst), float((last_rows[-1] - last_rows[0]) / (times[-1] - times[0]))

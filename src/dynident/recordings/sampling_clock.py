@@ -13,7 +13,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.number_format import format_percent
-from dynident.recordings.file_source import RawRows
+from dynident.recordings.file_source import RawRows, find_bursts
 from dynident.recordings.recording_metadata import Check, RecordingError, Revision
 from dynident.recordings.units import format_time
 
@@ -343,12 +343,12 @@ class TimeScan:
         if not len(back):
             return
         at, row = int(back[0]), int(ends[back[0]])
-        cure = (
-            "Sort the rows by time; if the file contains several recordings, separate them by a column `segment` of "
-            "whole numbers."
-        )
-        if (steps[same] < 0).mean() > BACKWARD_SHARE:
-            cure = "It does so in nearly every row: the rows are in reverse order. Write the earliest row first."
+        cure = "Sort the rows by time; separate several recordings in one file by a column `segment` of whole numbers."
+        remedies = (Remedy("rate"),) if (steps[same] < 0).mean() > BACKWARD_SHARE else ()
+        for remedy in remedies:
+            cure = (
+                f"All the rows are in reverse order: write the earliest first; of a countdown state {remedy} instead."
+            )
         raise RecordingError(
             f"Column {self.name} goes back from {format_time(t[at])} s to {format_time(t[at + 1])} s in row {row}. "
             f"{cure}",
@@ -356,6 +356,7 @@ class TimeScan:
             title="Unsorted time",
             row=row,
             time=float(t[at + 1]),
+            remedies=remedies,
         )
 
     def _sort_steps(self) -> None:
@@ -456,23 +457,23 @@ def _check_gaps(base: TimeBase, column: str, are_pauses: bool) -> Check:
     first = base.gaps[0]
     # Long pauses alone do no harm. Too little is left only where the filters' edges take most of what lies between.
     if base.missing > MOST_MISSING and EDGES * base.n_gaps > MOST_AT_EDGES * base.n_rows * base.period:
-        # Where a buffer is read now and then, many rows come at once, and gaps are as regular as the buffer is long.
-        burst = base.n_rows / (base.n_gaps + 1)
-        remedy = Remedy("rate", float(f"{(base.n_rows - burst) / (base.last - base.first):.4g}"))
-        bursts = (
-            f" The rows come {burst:.2g} at a time, as where a receiver's buffer is read: if "
-            f"they were sampled evenly, state their rate, on average {remedy}."
+        burst, rate = find_bursts(np.array([gap.row for gap in base.gaps]), np.array([gap.start for gap in base.gaps]))
+        remedies = (Remedy("rate", float(f"{rate:.4g}")),) if burst else ()
+        more = "".join(
+            f" The rows come {burst} at a time, as where a receiver's buffer is read: if they were sampled evenly, "
+            f"state their rate, on average {remedy}."
+            for remedy in remedies
         )
         return Check(
             "gaps",
             "error",
             f"Gaps take {format_percent(base.missing, 2)} of the time (gaps: {base.n_gaps}); the first is "
             f"{first.length:.4g} s long, after t = {format_time(first.start)} s (row {first.row}). Too few samples are "
-            f"left.{bursts} Or record without dropping samples, or choose windows without gaps.",
+            f"left.{more} {'Or r' if more else 'R'}ecord without dropping samples, or choose windows without gaps.",
             column,
             first.row,
             first.start,
-            remedies=(remedy,),
+            remedies=remedies,
         )
     more = f" and {base.n_gaps - 1} more (the next at {format_time(base.gaps[1].start)} s)" if base.n_gaps > 1 else ""
     start = f"t = {format_time(first.start)} s (row {first.row})"

@@ -253,8 +253,8 @@ def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
         (
             (first, other)
             for first, other in combinations(own, 2)
-            # Fingers that follow one another have both signals alike.
-            if np.array_equal(tau[:, first], tau[:, other]) and not np.array_equal(q[:, first], q[:, other])
+            # Fingers that follow one another may share a motor, and its torque.
+            if np.array_equal(tau[:, first], tau[:, other]) and not _move_together(q[:, first], q[:, other])
         ),
         None,
     )
@@ -279,19 +279,33 @@ def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
     return []
 
 
-NEAR_ZERO, AWAY, LEAST_TURNS = 0.01, 0.05, 3
-"""Shares of its largest value that a torque without its sign comes down to, and leaves again, at least so often."""
+NEAR_ZERO, AWAY, LEAST_TURNS, STRAIGHT = 0.01, 0.05, 3, 0.9
+"""Shares of its largest value that a torque without its sign comes down to, and leaves again, at least so often; and
+the share of the variance there that a line explains once the sign is back: of a step at most 0.75."""
 
 
 def _has_lost_sign(tau: FloatArray) -> bool:
     """Tell whether a torque (m,) that is never below 0 often turns back there, as the absolute value of another does.
 
-    One that stays at 0 is cut off, or of a drive that is off.
+    One that stays at 0 is cut off, or of a drive that is off; one that stays near 0 may carry its load otherwise.
     """
     share = tau / tau.max()
-    states = np.where(share < NEAR_ZERO, 0, np.where(share > AWAY, 1, -1))
-    changes = np.diff(states[states >= 0])
-    return bool(np.count_nonzero(changes < 0) >= LEAST_TURNS and np.mean(share == 0.0) < NEAR_ZERO)
+    away = np.flatnonzero(share > AWAY)
+    are_turns = []
+    for before in np.flatnonzero(np.diff(away) > 1):
+        dip = share[away[before] : away[before + 1] + 1]
+        rows, lowest = np.arange(len(dip)), int(np.argmin(dip))
+        if dip[lowest] < NEAR_ZERO:
+            signed = np.where(rows < lowest, dip, -dip)
+            are_turns.append(np.corrcoef(rows, signed)[0, 1] ** 2 > STRAIGHT)
+    is_often = sum(are_turns) >= max(LEAST_TURNS, len(are_turns) / 2)
+    return bool(is_often and np.mean(share == 0.0) < NEAR_ZERO)
+
+
+def _move_together(first: FloatArray, other: FloatArray) -> bool:
+    """Tell whether two positions (m,) are the same, or proportional up to an offset."""
+    is_moving = min(np.ptp(first), np.ptp(other)) > 0.0
+    return bool(abs(np.corrcoef(first, other)[0, 1]) > 0.999 if is_moving else np.array_equal(first, other))
 
 
 def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layout) -> Check:

@@ -432,9 +432,7 @@ def check_against_dynamics(
     # Where the unit is not known yet, the size of the torques says nothing: that is asked together with the unit.
     wrong = [] if examined is None else [check for check in examined.checks if _is_finding(check, in_si=in_si)]
     questions = [
-        Question(_FIELDS.get(check.name, "columns"), check.detail, check=check.name, remedies=check.remedies)
-        for check in wrong
-        if _is_question(check)
+        Question.from_check(_FIELDS.get(check.name, "columns"), check) for check in wrong if _is_question(check)
     ]
     guesses = [
         Guess("check", check.name.replace("_", " "), 0.5, check.detail, check.remedies)

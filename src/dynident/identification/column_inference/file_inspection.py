@@ -112,7 +112,7 @@ def inspect_file(
         rows=sample.values[:SHOWN_ROWS],
         sketch=sample.values[:: max(1, len(sample.values) // SKETCHED_ROWS)][:SKETCHED_ROWS],
         n_rows_seen=len(sample.values),
-        proposal=None if robot is None else _import_sample(propose(sample, robot), sample, robot),
+        proposal=None if robot is None else _import_sample(propose(sample, robot), sample, robot, columns or {}),
     )
 
 
@@ -128,12 +128,13 @@ def _find_stated_signals(columns: Mapping[str, str], sample: Sample, robot: Robo
     return ours
 
 
-def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
-    """Import the sample as proposed, and turn what is refused into questions."""
+def _import_sample(proposal: Proposal, sample: Sample, robot: Robot, stated: Mapping[str, str]) -> Proposal:
+    """Import the sample as proposed, but with the stated columns, and turn what is refused into questions."""
     # Open questions come first: without their answers the import would fail for reasons that are known already.
     if not proposal.is_sure:
         return proposal
-    metadata = RecordingMetadata(columns=proposal.columns, units=proposal.units, effort_kind=proposal.effort_kind)
+    columns = {**proposal.columns, **stated}
+    metadata = RecordingMetadata(columns=columns, units=proposal.units, effort_kind=proposal.effort_kind)
     with TemporaryDirectory(prefix="dynident-") as folder:
         rows = Path(folder) / "rows.parquet"
         # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.
@@ -148,9 +149,7 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
             )
         except RecordingError as error:
             refused = [check for check in error.checks if check.status == "error"]
-            questions = [
-                Question("columns", check.detail, check=check.name, remedies=check.remedies) for check in refused
-            ]
+            questions = [Question.from_check("columns", check) for check in refused]
             return replace(proposal, questions=tuple(questions) or (Question("columns", error.detail),))
     return replace(proposal, guesses=(*proposal.guesses, *_list_findings(checks, proposal)))
 

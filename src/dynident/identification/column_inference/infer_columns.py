@@ -187,6 +187,7 @@ class _ColumnInference(WorkingProposal):
         if self.moving_base is not None:
             add_base_columns(self, self.moving_base)
         drop_dependent_questions(self)
+        self._ask_about_guessed_time()
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
@@ -425,6 +426,20 @@ class _ColumnInference(WorkingProposal):
         tau = self.values[:, columns] * self.get_factors_to_si(signal, gains)
         self._check_against_dynamics(q, tau, effort, in_si=in_si)
         return kind
+
+    def _ask_about_guessed_time(self) -> None:
+        """Ask for the unit of a time that does not state one beside that of torques: it makes right torques wrong."""
+        fields = {question.field for question in self.questions}
+        if self.clock is None or "units/t" in fields or not any(field.startswith("units/tau") for field in fields):
+            return
+        if self.clock.unit == "s" or self.column_names[self.clock.column].unit:
+            return
+        name, remedy = self.sample.names[self.clock.column], Remedy("rate")
+        detail = (
+            f"In which unit is {name}? In {self.clock.unit} the rows would come at {self.clock.rate:.4g} Hz, and these "
+            f"torques would not fit the motion. If {name} counts ticks of a clock, state the rows' rate: {remedy}."
+        )
+        self.questions.insert(0, Question("units/t", detail, ("s", "ms", "us", "ns"), remedies=(remedy,)))
 
     def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
         """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dynident.errors import Remedy
-from dynident.recordings.recording_metadata import EffortKind
+from dynident.recordings.recording_metadata import Check, EffortKind
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,8 @@ class Question:
         Name of the check that asks, if one does: to accept it is an answer, too.
     remedies : tuple of Remedy
         Those that the question quotes.
+    is_curable : bool
+        Whether the check proposes a correction of the file.
     """
 
     field: str
@@ -83,6 +85,13 @@ class Question:
     choices: tuple[str, ...] = ()
     check: str = ""
     remedies: tuple[Remedy, ...] = ()
+    is_curable: bool = False
+
+    @classmethod
+    def from_check(cls, field: str, check: Check) -> Question:
+        """Ask about what a check has found, in its words."""
+        is_curable = check.apply is not None
+        return cls(field, check.detail, check=check.name, remedies=check.remedies, is_curable=is_curable)
 
 
 @dataclass(frozen=True)

@@ -220,12 +220,11 @@ class WorkingProposal:
         for index, (joint, own) in enumerate(zip(self.robot.joints, stated, strict=True)):
             if mixed or index == 0:
                 # A force of the same size: N for N m, unless the column itself states a unit.
-                unit = guess.unit.partition(" ")[0] if joint.kind == "prismatic" else guess.unit
-                unit = own if mixed and own in FACTORS["tau", joint.kind] else unit
+                units = [u.partition(" ")[0] if joint.kind == "prismatic" else u for u in (guess.unit, *guess.choices)]
+                unit = own if mixed and own in FACTORS["tau", joint.kind] else units[0]
                 key = f"tau{index + 1}" if mixed else "tau"
-                self.take_unit(
-                    key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
-                )
+                joint_guess = of_units.UnitGuess(unit, guess.confidence, guess.reason, tuple(dict.fromkeys(units[1:])))
+                self.take_unit(key, joint_guess, joint.effort_unit)
 
     def guess_units_by_joint(
         self,

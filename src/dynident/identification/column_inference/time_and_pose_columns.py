@@ -29,8 +29,10 @@ from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.recordings.base_motion import QUATERNION, find_base_columns, find_reactions
+from dynident.recordings.file_source import find_bursts
 from dynident.recordings.pose_recordings import are_poses
 from dynident.recordings.recording_metadata import EffortKind, RecordingError, RecordingMetadata
+from dynident.recordings.sampling_clock import GAP_PERIODS
 from dynident.recordings.time_columns import is_time_name
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
@@ -180,11 +182,9 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
     for column, name in enumerate(work.column_names):
         t = work.sample.values[:, column]
         steps = np.diff(t)
-        if name.signal != "t" or not np.isfinite(t).all() or (steps < 0).any():
+        if name.signal != "t" or len(t) <= 2 or not np.isfinite(t).all() or (steps < 0).any():
             continue
         ticks = np.flatnonzero(steps > 0) + 1
-        if len(t) <= 2:
-            continue
         if len(ticks) < _FEWEST_TICKS:
             remedy = Remedy("rate")
             detail = (
@@ -198,7 +198,9 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
             others = np.delete(work.sample.values, column, axis=1)
             repeated = float(np.mean((others[1:] == others[:-1]).all(axis=1)))
             twice = f", and {format_percent(repeated, decimals=0)} of the rows repeat the row before: leave these out"
-            remedy = Remedy("rate", float(f"{1.0 / (steps.mean() * CLOCK_FACTORS.get(unit, 1.0)):.4g}"))
+            ends = np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
+            rate = (find_bursts(ends, t[ends])[1] or 1.0 / steps.mean()) / CLOCK_FACTORS.get(unit, 1.0)
+            remedy = Remedy("rate", float(f"{rate:.4g}"))
             detail = (
                 f"{name.name} goes forward by {short:.3g} to {long:.3g} {unit} from row to row, too unevenly for a "
                 f"clock{twice if repeated > _MANY_REPEATED else ''}. If the rows are evenly spaced, state their rate: "

@@ -44,7 +44,7 @@ def measure_usual_steps(steps: FloatArray, smooth: BoolArray) -> FloatArray:
 
     It is the upper quartile of a chunk, and the median of the steps that are not zero where few are not (counts of an
     encoder): the largest of those of the chunks nearby, since noise grows where a joint begins to move, and of smooth
-    signals the second largest.
+    signals the second largest, or the largest in which they move.
 
     Parameters
     ----------
@@ -61,20 +61,26 @@ def measure_usual_steps(steps: FloatArray, smooth: BoolArray) -> FloatArray:
     m, c = steps.shape
     n = -(-m // CHUNK_ROWS)
     padded = np.full((n * CHUNK_ROWS, c), np.nan)
-    np.abs(steps, out=padded[:m])
+    padded[:m] = steps
+    signed = padded.reshape(n, CHUNK_ROWS, c)
     # NaN is sorted to the end: the finite values of a chunk come first, and quantiles are entries.
-    chunks = np.sort(padded.reshape(n, CHUNK_ROWS, c), axis=1)
+    chunks = np.sort(np.abs(signed), axis=1)
     n_finite = np.isfinite(chunks).sum(axis=1)
     # The upper quartile of the finite entries.
     at = (3 * n_finite) // 4
     own = np.take_along_axis(chunks, np.minimum(at, np.maximum(n_finite - 1, 0))[:, None, :], axis=1)[:, 0]
     own = np.nan_to_num(own)
     # Corrupted samples that stand close together make the steps of one chunk large. A position that is corrupted there
-    # spoils a model, while the noise of torques really may be large for one chunk only.
-    largest, second = own.copy(), np.zeros_like(own)
+    # spoils a model, while the noise of torques really may be large for one chunk only. So may a position's steps where
+    # a joint moves or rings: they keep their sign from row to row, while a sample that is off makes them alternate.
+    large = np.abs(signed) >= own[:, None]
+    pairs = np.where(large[:, 1:] & large[:, :-1], signed[:, 1:] * signed[:, :-1], 0.0)
+    moves = np.sign(pairs).sum(axis=1) > 0.0
+    largest, second = own.copy(), np.where(moves, own, 0.0)
     for shift in range(1, min(NEAR_CHUNKS, n - 1) + 1):
         for here, there in ((slice(shift, None), slice(None, -shift)), (slice(None, -shift), slice(shift, None))):
-            second[here] = np.maximum(second[here], np.minimum(largest[here], own[there]))
+            other = np.minimum(largest[here], own[there])
+            second[here] = np.maximum(second[here], np.where(moves[there], own[there], other))
             largest[here] = np.maximum(largest[here], own[there])
     return np.repeat(np.where(smooth & (n > 1), second, largest), CHUNK_ROWS, axis=0)[:m]
 

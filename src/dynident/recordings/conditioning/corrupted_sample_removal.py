@@ -50,7 +50,8 @@ class CorruptedSamples:
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
         self._found = ChangedRows()
-        self._least_shares: dict[int, float] = {}
+        self._least_sizes: dict[int, float] = {}
+        self._lowest, self._highest = np.full((2, len(signals.needed)), np.nan)
         # Whatever a signal did before: there and back within two samples no joint is so fast.
         self._impossible = 2.0 * signals.fastest * signals.step
 
@@ -71,10 +72,13 @@ class CorruptedSamples:
             # The full search is slow: only signals with large steps up and down again go through it.
             is_suspect = _comes_back(steps[:, index], np.flatnonzero(large[:, index]))
             # Which samples are found at all is measured once of every signal.
-            if is_suspect or column not in self._least_shares:
+            if is_suspect or column not in self._least_sizes:
                 course = self._describe_signal(window, column, steps[:, index], usual[:, index], periods[index])
                 if is_suspect:
                     marks[find_corrupted_samples(course), index] = True
+        clean = np.where(marks, np.nan, values)
+        self._lowest[needed] = np.fmin(self._lowest[needed], np.fmin.reduce(clean, axis=0))
+        self._highest[needed] = np.fmax(self._highest[needed], np.fmax.reduce(clean, axis=0))
         if not marks.any():
             return
         back = np.sign(steps) * large
@@ -112,7 +116,13 @@ class CorruptedSamples:
         """Say from which size on samples are found, by the signal that has the most noise."""
         smooth, sizes = self._signals.smooth, []
         for of, kind in ((True, "position"), (False, "torque")):
-            shares = {column: share for column, share in self._least_shares.items() if smooth[column] == of}
+            spans = {column: float(self._highest[column] - self._lowest[column]) for column in self._least_sizes}
+            # What is not larger than the noise of a signal, such as that of a joint that rests, has no share.
+            shares = {
+                column: size / spans[column]
+                for column, size in self._least_sizes.items()
+                if smooth[column] == of and size < spans[column]
+            }
             if shares:
                 column = max(shares, key=shares.__getitem__)
                 share = format_percent(shares[column], decimals=2 if of else 0)
@@ -174,9 +184,8 @@ class CorruptedSamples:
         if smooth:
             impossible = float(self._impossible[column])
             threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
-        if high > low:
-            share = min(float(np.median(threshold)) / float(high - low), 1.0)
-            self._least_shares[column] = max(share, self._least_shares.get(column, 0.0))
+        if len(finite):
+            self._least_sizes[column] = max(float(np.median(threshold)), self._least_sizes.get(column, 0.0))
         return SignalSeries(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
 
 

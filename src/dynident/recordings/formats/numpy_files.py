@@ -11,6 +11,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 from numpy.lib import format as numpy_format
 
 from dynident.recordings.file_size_limits import (
+    TITLE,
     BoundedFile,
     check_columns,
     check_unpacked,
@@ -37,7 +38,7 @@ _BROKEN = (
 """What NumPy's and Python's readers raise of headers and archives that are damaged; a deep header is a MemoryError."""
 
 
-class _ObjectsError(ValueError):
+class _ObjectsError(RecordingError):
     """An array of Python objects."""
 
 
@@ -63,8 +64,6 @@ def open_numpy(path: Path, name: str) -> ArrayFileSource:
     """
     try:
         return ArrayFileSource(*_read_archive(path)) if name == "npz" else ArrayFileSource(_read_single(path))
-    except RecordingError:
-        raise
     except _BROKEN as error:
         raise make_damaged_error(name, error) from error
 
@@ -101,7 +100,8 @@ def _read_archive(path: Path) -> tuple[list[StoredArray], list[tuple[str, ...]]]
         unpacked = UnpackedParts(size) if compressed else None
         for member in members:
             if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-                raise ValueError(f"{member.filename} is compressed by a method that NumPy does not use")
+                method = f"{member.filename} is compressed by a method that NumPy does not use: save it by np.savez."
+                raise RecordingError(method, title=TITLE)
             with archive.open(member) as stream:
                 if member.compress_type == ZIP_STORED or unpacked is None:
                     # The archive was opened at it, and stands where it begins.
@@ -141,7 +141,8 @@ def _locate_array(file: IO[bytes], start: int, end: int) -> ArrayPlace | None:
         raise ValueError(f"arrays of the format {version[0]}.{version[1]} are not supported")
     shape, by_columns, kind = _HEADERS[version](bounded)
     if kind.hasobject:
-        raise _ObjectsError("it contains Python objects, which are never loaded for safety; save arrays of numbers")
+        objects = "The file contains Python objects, which are never loaded for safety: save arrays of numbers."
+        raise _ObjectsError(objects, title=TITLE)
     is_list = kind.kind in "US" and len(shape) == 1 and shape[0] <= MOST_WORDS and kind.itemsize <= _LONGEST_WORD
     if not kind.names and kind.kind not in _NUMBERS and not is_list:
         return None

@@ -354,13 +354,16 @@ _INCREMENTS = ("wf_increment", "delta_x")
 """Before the steps of time of channels, in s without a unit, as LabVIEW writes them."""
 _UNITS_OF_RATES = {"hz": 1.0, "khz": 1e3, "s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6}
 _SLOWEST, _FASTEST, _LONGEST_REMARK = 1.0, 1e5, 300
-
-
-_DATE = re.compile(
-    r"\s{0,9}(?:(?:\d{1,2}[. -]{1,2})?[^\W\d]{3,9}\.?[ -]\d{1,4}|\d{1,2}[.-]{1,2} ?[^\W\d]{3,9}\.?|"
-    r"(?:\d{1,2}/){2}\d{2,4})\s{0,9}$"
+_MONTH = (
+    "(?:jan(?:uar)?y?|feb(?:ruar)?y?|mar(?:ch)?|märz?|mrz|apr(?:il)?|ma[iy]|jun[ei]?|jul[iy]?|aug(?:ust)?|"
+    "sept?(?:ember)?|o[ck]t(?:ober)?|nov(?:ember)?|de[cz](?:ember)?)[.]?"
 )
-"""Mar 14, 14. Mrz, 14-Mar, 3/14/2024: what spreadsheets make of 3.14."""
+_DATE = re.compile(
+    rf"\s{{0,9}}(?:(?:\d{{1,2}}[. -]{{1,2}})?{_MONTH}[ -]\d{{1,4}}|\d{{1,2}}[.-]{{1,2}} ?{_MONTH}|"
+    r"(?:\d{1,2}/){2}\d{2,4})\s{0,9}$",
+    re.IGNORECASE,
+)
+"""Mar 14, 14. Mrz, 14-Mar, 3/14/2024: what spreadsheets make of 3.14. Other words are messages, such as Error 12."""
 
 
 def refuse_date(column: str, cell: str) -> None:
