@@ -126,6 +126,9 @@ class DecisionRules:
     equal_gain: float = _declare_level(0.97, "-",
         "Share of the gain of a finding from which on another name is equivalent",
         "Shape constants between the values of the grid change a gain as much")
+    equal_t: float = _declare_level(1.5, "-",
+        "t of the difference below which another name is equivalent",
+        "One in fifteen by chance; without it a mass on a link that a spring would explain as well is named a spring")
     contends: float = _declare_level(0.7, "-",
         "Share of the chosen name's gain from which on a name is compared with finer constants",
         "A coarse constant costs up to a quarter of a gain; with 0.8, one of seven right names that gained less "

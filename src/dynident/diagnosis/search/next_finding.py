@@ -19,6 +19,7 @@ from dynident.diagnosis.search.acceptance_rules import (
 from dynident.diagnosis.search.physical_plausibility import find_impossibility
 from dynident.diagnosis.search.search_state import State, score_all
 from dynident.effects import get_effect
+from dynident.estimation.residual_errors import compute_t
 
 
 def select_candidate(
@@ -100,12 +101,14 @@ def select_candidate(
 def _find_twins(chosen: ScoredCandidate, others: Sequence[ScoredCandidate], run: IndexArray) -> list[ScoredCandidate]:
     """Find other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
     mine, runs = set(chosen.joints), chosen.candidate.runs
+
+    def is_undecided(scored: ScoredCandidate) -> bool:
+        level = abs(compute_t(chosen.gains - scored.gains)) < RULES.equal_t
+        return level or compute_stability([chosen], [scored], run) < RULES.found_again
+
     alike = [scored for scored in others if scored.candidate.runs == runs and not mine.isdisjoint(scored.joints)]
     return [
-        scored
-        for scored in alike
-        if scored.total_gain >= RULES.equal_gain * chosen.total_gain
-        and compute_stability([chosen], [scored], run) < RULES.found_again
+        scored for scored in alike if scored.total_gain >= RULES.equal_gain * chosen.total_gain and is_undecided(scored)
     ]
 
 
