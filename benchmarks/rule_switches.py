@@ -64,6 +64,7 @@ LEVELS: dict[str, dict[str, float]] = {
     "few_waves": {"few_waves": 1e9},
     "few_waves none": {"few_waves": 0.0},
     "left_over": {"left_over": 1e9},
+    "much_left_over": {"much_left_over": 1e9},
     "most_blind": {"most_blind": 1e9},
     "adequate_over_noise": {"adequate_over_noise": 1e9},
 }
@@ -206,6 +207,7 @@ DECISIONS: dict[str, list[Callable[..., Any]]] = {
     "few_waves": [forward_selection._is_slow_wave],
     "few_waves none": [forward_selection._is_slow_wave],
     "left_over": [ambiguities.find_misnamed],
+    "much_left_over": [ambiguities.find_misnamed],
 }
 """The decisions that a level is for; one without an entry is always tried."""
 

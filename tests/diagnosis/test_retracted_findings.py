@@ -58,7 +58,7 @@ def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> F
     before[:, list(joints)] = removed / 10
     candidate = Candidate(effect, (NAMES[JOINT],), (), (0,))
     judged = ScoredCandidate(
-        candidate, joints, before, one, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
+        candidate, joints, before, one, 0.5, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
     )
     return Finding(judged, (), 1e-9)
 
@@ -82,8 +82,13 @@ def test_a_spring_is_kept_where_what_is_left_depends_on_something_else():
     assert not taken_back("joint_spring", 0.9, "velocity")
 
 
-def test_friction_is_kept_whatever_is_left():
-    assert not taken_back("presliding", 5.0, "position")
+def test_friction_is_taken_back_only_where_it_left_more_than_it_explained():
+    assert not taken_back("presliding", 1.0, "acceleration")
+    final = compared()
+    left = float((final.counted_residual[:, JOINT] ** 2).sum())
+    pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
+    small = picked("presliding", 0.5 * left)
+    assert find_misnamed([small], [EffectChoice("presliding", (NAMES[JOINT],))], [pattern], [final]) == [0]
 
 
 def test_a_mass_of_some_runs_is_kept_whatever_all_runs_leave():
@@ -93,6 +98,15 @@ def test_a_mass_of_some_runs_is_kept_whatever_all_runs_leave():
 def test_a_cable_is_judged_on_both_of_its_joints():
     assert taken_back("cable_force", 0.3, "position", at=JOINT + 1, joints=(JOINT, JOINT + 1))
     assert not taken_back("cable_force", 0.3, "position", at=JOINT + 2, joints=(JOINT, JOINT + 1))
+
+
+def test_a_group_of_friction_is_not_taken_back_for_one_of_its_joints():
+    final = compared()
+    finding = picked("presliding", 1e-9)
+    group = (NAMES[JOINT], NAMES[JOINT + 1])
+    finding = replace(finding, judged=replace(finding.judged, joints=(JOINT, JOINT + 1)))
+    pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
+    assert find_misnamed([finding], [EffectChoice("presliding", group)], [pattern], [final]) == []
 
 
 @pytest.mark.parametrize(

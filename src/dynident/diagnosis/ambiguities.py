@@ -2,20 +2,21 @@
 
 Holds how many rivals a question names.
 
-A wrong name is a function of the position that leaves much of another one.
+A wrong name is an effect that leaves more than it explains, or that another function of the position replaces.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.decision_levels import RULES
-from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern
+from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern, Variable
 from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.robot.robot_model import Robot
@@ -29,7 +30,7 @@ def find_misnamed(
     unknown: Sequence[UnknownPattern],
     final: Sequence[Comparison],
 ) -> list[int]:
-    """Return the numbers of the functions of the position that leave much of the same kind of function.
+    """Return the numbers of the findings whose joint still depends on what they should have explained.
 
     Parameters
     ----------
@@ -50,16 +51,22 @@ def find_misnamed(
     wrong = []
     for number, (finding, choice) in enumerate(zip(findings, recommended, strict=True)):
         judged = finding.judged
-        if not get_effect(choice.effect).of_position:
+        effect = get_effect(choice.effect)
+        of_position = effect.of_position
+        # A mass has no formula that could be another one, and what all recordings leave says nothing of some of them.
+        if effect.in_some_runs or (not of_position and len(choice.joints) != 1):
             continue
+        # Functions of the position are easily confused, so less of a remainder tells; other effects get the benefit of
+        # the doubt.
+        least, kinds = (RULES.left_over, _KINDS) if of_position else (RULES.much_left_over, get_args(Variable))
         # An effect across two joints has one name and acts on both.
-        here = [j for j in judged.joints if names[j] in choice.joints or len(choice.joints) == 1]
+        here = [j for j in judged.joints if names[j] in choice.joints or (of_position and len(choice.joints) == 1)]
         for j in here:
             removed = float((judged.before - judged.after)[:, j].sum())
             # A pattern's share is one of the residual that is left, so it is turned into a squared error for the
             # comparison.
-            remainders = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in _KINDS]
-            if remainders and max(remainders) > RULES.left_over * removed:
+            remainders = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in kinds]
+            if remainders and max(remainders) > least * removed:
                 wrong.append(number)
                 break
     return wrong

@@ -163,6 +163,9 @@ class DecisionRules:
     left_over: float = _declare_level(0.12, "-",
         "Share of the removed error that may remain as the same kind of function",
         "If more remains, it is another function")
+    much_left_over: float = _declare_level(1.5, "-",
+        "The same for any effect of one joint and any variable",
+        "The rest is then larger than what the effect explained")
     rival_gain: float = _declare_level(0.7, "-",
         "Share of the gain of a finding from which on an effect that is easily confused with it is a rival, for which "
         "an experiment is designed",

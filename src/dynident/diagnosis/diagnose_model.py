@@ -231,7 +231,7 @@ def examine(
         question, record, scale_progress(progress, 0.7, 0.9)
     )
     unknown = find_unknown_patterns(final)
-    # A function of the position that leaves another one has the wrong name.
+    # An effect whose residual still depends on the same variable has the wrong name, and misleads later ones.
     wrong = find_misnamed(findings, recommended, unknown, final)
     if wrong:
         record.dropped.update((findings[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
