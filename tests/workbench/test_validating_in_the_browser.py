@@ -48,7 +48,7 @@ def test_a_method_is_chosen_validated_and_exported(
     assert rows.count() == sum(one["held_out"] is not None for one in found["methods"]["methods"])
     first = found["methods"]["methods"][0]
     shown = rows.first.locator("data").nth(2).get_attribute("value")
-    assert float(shown) == first["held_out"]["relative_total"]
+    assert float(shown) == first["held_out"]["moving"]["relative_total"]
     page.screenshot(path=tmp_path / "validated.png", full_page=True)
 
     page.reload()

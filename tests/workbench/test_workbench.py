@@ -159,7 +159,7 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
             arg=made[joint],
         )
     page.goto(f"/?identification={made['shoulder']}")
-    expect(page.locator("#warnings")).to_contain_text("do not confirm")
+    expect(page.locator("#warnings")).to_contain_text("Joint spring")
     open_tab(page, "Missing")
     page.locator("#ladder-table").get_by_role("button", name="Remove").click()
     expect(page.locator("#step")).to_contain_text("Removed Joint spring on shoulder")
@@ -318,6 +318,7 @@ def test_a_dropped_description_names_the_joints_and_takes_their_drive_gains(page
     page.locator("#new-robot .drop").dispatch_event("drop", {"dataTransfer": dropped})
     # By its own name; that of the file is for a description without one.
     expect(page.locator("#robot-name")).to_have_value("two_links")
+    page.locator("#new-robot").get_by_text("Recordings will have currents").click()
     page.get_by_label("Drive gain of elbow in N m/A").first.fill("12.5")
     with page.expect_response(lambda answer: answer.url.endswith("/v1/robots") and answer.status == 201) as made:
         page.click("#create-robot")

@@ -2,7 +2,8 @@
 
 Holds how many rivals a question names.
 
-A wrong name is an effect that leaves more than it explains, or that another function of the position replaces.
+A wrong name is an effect that leaves more than it explains, or that another function of the position replaces. Findings
+that were made beside such a name, and would not have been made without it, go with it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import Invisible, UnknownPattern, Variable
-from dynident.diagnosis.search.search_state import Finding
+from dynident.diagnosis.search.acceptance_rules import check_significance
+from dynident.diagnosis.search.search_state import Finding, State
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.robot.robot_model import Robot
 
@@ -70,6 +72,40 @@ def find_misnamed(
                 wrong.append(number)
                 break
     return wrong
+
+
+def find_dependent_findings(
+    findings: Sequence[Finding], wrong: Sequence[int], start: State, first: Sequence[ScoredCandidate]
+) -> list[int]:
+    """Return the numbers of the findings on the joints of a wrong name that do not pass without it.
+
+    Beside a wrong curve something else may make up for its errors.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        The findings.
+    wrong : sequence of int
+        Numbers of the wrong names.
+    start : State
+        The search before anything was found.
+    first : sequence of ScoredCandidate
+        All candidates, scored before anything was found.
+
+    Returns
+    -------
+    list of int
+        Numbers of the findings that go with the wrong names.
+    """
+    alone = {scored.candidate: scored for scored in first}
+    dependent = []
+    for number, finding in enumerate(findings):
+        mine = finding.judged
+        shares_joint = any(set(findings[k].judged.joints) & set(mine.joints) for k in wrong)
+        before = alone.get(mine.candidate)
+        if shares_joint and number not in wrong and before is not None and check_significance(start, before):
+            dependent.append(number)
+    return dependent
 
 
 # More rivals would make a question that no single experiment decides.

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from dynident.array_types import FloatArray
-from dynident.diagnosis.ambiguities import Doubt, find_misnamed, list_doubts
+from dynident.diagnosis.ambiguities import Doubt, find_dependent_findings, find_misnamed, list_doubts
 from dynident.diagnosis.candidates.candidate_pool import build_pool
 from dynident.diagnosis.changes_between_recordings import (
     add_friction_differences,
@@ -234,8 +234,10 @@ def examine(
     # An effect whose residual still depends on the same variable has the wrong name, and misleads later ones.
     wrong = find_misnamed(findings, recommended, unknown, final)
     if wrong:
+        dependent = find_dependent_findings(findings, wrong, search.start, family.scored)
+        record.dropped.update((findings[k].judged.candidate, Reason.build("superfluous")) for k in dependent)
         record.dropped.update((findings[k].judged.candidate, Reason.build("misnamed")) for k in wrong)
-        findings, recommended = _drop_findings(findings, recommended, wrong)
+        findings, recommended = _drop_findings(findings, recommended, [*wrong, *dependent])
         findings, recommended, grown, more, final = _identify_with_findings(
             question, record, findings, recommended, scale_progress(progress, 0.9, 1.0)
         )

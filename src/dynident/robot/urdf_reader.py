@@ -364,10 +364,10 @@ def _check_origin(parent: Element, owner: str, fail: _Fail) -> list[Element]:
     origin = parent.find_child("origin")
     if origin is None:
         return []
-    # Two turns: nobody writes such radians.
-    for attribute, count, largest in (("xyz", 3, math.inf), ("rpy", 3, 4.0 * math.pi), ("quat_xyzw", 4, math.inf)):
+    for attribute, count in (("xyz", 3), ("rpy", 3), ("quat_xyzw", 4)):
         values = parse_attribute(origin, attribute, owner, fail, count) if attribute in origin.attributes else (0.0,)
-        if max(map(abs, values)) > largest:
+        # Between two turns in radians and in degrees: nobody writes such radians.
+        if attribute == "rpy" and 4.0 * math.pi < max(map(abs, values)) <= 720.0:
             raise fail(f"The rpy of {owner} seems to be in degrees; a URDF has radians.", origin.line)
     return [origin]
 
