@@ -303,8 +303,8 @@ def show_next_command(
         "=" in text for text in (*reading.windows, *reading.metadata)
     ):
         return
-    metadata = [text for text in reading.metadata if "=" not in text or text.partition("=")[0] in names]
-    command = shlex.join(["dynident", *map(str, words), *list_option_words(Reading(**options | {"metadata": metadata}))])
+    options["metadata"] = [text for text in reading.metadata if "=" not in text or text.partition("=")[0] in names]
+    command = shlex.join(["dynident", *map(str, words), *list_option_words(Reading(**options))])
     console.print(f"Next, {what}: {command}", style="bold", soft_wrap=True)
 
 
