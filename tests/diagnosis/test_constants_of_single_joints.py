@@ -81,7 +81,7 @@ def found_on(choice: EffectChoice) -> Finding:
     after = before.copy()
     after[:, joints] = 0.0
     scores = ScoredCandidate(
-        Candidate(choice.effect, choice.joints, choice.shape, ()), joints, before, after, 1.0, 1.0, 9.0,
+        Candidate(choice.effect, choice.joints, choice.shape, ()), joints, before, after, 1.0, 9.0,
         (before - after).sum(axis=1), 1.0, np.ones(1), 1.0, before.sum(axis=0), after.sum(axis=1),
     )  # fmt: skip
     return Finding(scores, (), 0.001)

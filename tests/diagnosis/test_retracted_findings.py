@@ -58,7 +58,7 @@ def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> F
     before[:, list(joints)] = removed / 10
     candidate = Candidate(effect, (NAMES[JOINT],), (), (0,))
     judged = ScoredCandidate(
-        candidate, joints, before, one, 0.5, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
+        candidate, joints, before, one, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
     )
     return Finding(judged, (), 1e-9)
 

@@ -38,7 +38,7 @@ _BROKEN = (
 """What NumPy's and Python's readers raise of headers and archives that are damaged; a deep header is a MemoryError."""
 
 
-class _ObjectsError(RecordingError):
+class _ObjectsError(ValueError):
     """An array of Python objects."""
 
 
@@ -64,6 +64,8 @@ def open_numpy(path: Path, name: str) -> ArrayFileSource:
     """
     try:
         return ArrayFileSource(*_read_archive(path)) if name == "npz" else ArrayFileSource(_read_single(path))
+    except _ObjectsError as error:
+        raise RecordingError(str(error), title=TITLE) from error
     except _BROKEN as error:
         raise make_damaged_error(name, error) from error
 
@@ -142,7 +144,7 @@ def _locate_array(file: IO[bytes], start: int, end: int) -> ArrayPlace | None:
     shape, by_columns, kind = _HEADERS[version](bounded)
     if kind.hasobject:
         objects = "The file contains Python objects, which are never loaded for safety: save arrays of numbers."
-        raise _ObjectsError(objects, title=TITLE)
+        raise _ObjectsError(objects)
     is_list = kind.kind in "US" and len(shape) == 1 and shape[0] <= MOST_WORDS and kind.itemsize <= _LONGEST_WORD
     if not kind.names and kind.kind not in _NUMBERS and not is_list:
         return None
