@@ -53,6 +53,7 @@ LEVELS: dict[str, dict[str, float]] = {
     "still_gains": {"still_gains": -1e9},
     "still_gains high": {"still_gains": 1e9},
     "equal_gain": {"equal_gain": 1e9},
+    "equal_t": {"equal_t": 0.0},
     "contends": {"contends": 1e9},
     "same_gain": {"same_gain": -1.0},
     "harm": {"harm": 1e9},
@@ -176,6 +177,7 @@ RULES: dict[str, list[tuple[Any, str, Callable[..., Any]]]] = {
     "drop_faded_contacts": [(pruning, "drop_faded_contacts", lambda state, _preprocessing: state)],
     "is_only_helpful_at_first": [(identifiability_and_invisible_effects, "is_only_helpful_at_first", _false)],
     "find_misnamed": [(diagnose_model, "find_misnamed", _empty)],
+    "find_dependent_findings": [(diagnose_model, "find_dependent_findings", _empty)],
     "find_static_friction": [
         (diagnose_model, "find_static_friction", lambda grown, _recordings, final, *_: (grown, final, ()))
     ],
@@ -197,6 +199,7 @@ DECISIONS: dict[str, list[Callable[..., Any]]] = {
     "more_for_parameters": [acceptance_rules.compute_stability, significance.has_larger_gain],
     "as_much_as_change": [next_finding._find_lasting_cause],
     "equal_gain": [next_finding._find_twins],
+    "equal_t": [next_finding._find_twins],
     "contends": [comparison_of_rivals._find_contenders],
     "same_gain": [comparison_of_rivals.explains_as_much],
     "harm": [pruning._is_harmful],

@@ -43,9 +43,7 @@ class _SentenceConsole(Console):
 
 
 def _wrap_sentence(text: str, width: int) -> list[str]:
-    return wrap(
-        text, width, break_long_words=False, break_on_hyphens=False, replace_whitespace=False, drop_whitespace=True
-    )
+    return wrap(text, width, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
 
 
 def result_console() -> Console:

@@ -195,7 +195,7 @@ def build_figure_tables(document: Mapping[str, object], joints: Sequence[str]) -
     if result.measurements and result.total is not None:
         rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
         # Results of earlier versions have no total of the rows where joints move, which the others are of.
-        has_total = hasattr(result.total, "moving") and (result.total.moving or not _have_moving_errors(rows))
+        has_total = getattr(result.total, "moving", None) or not _have_moving_errors(rows)
         rows += [("all", result.total)] if len(rows) > 1 and has_total else []
         cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
         title = "Relative torque error while each joint moves"
