@@ -49,7 +49,7 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     assert campaign["achieved"] <= 0.05
     page.get_by_role("link", name="All campaigns").click()
     expect(page.locator("#campaigns-table")).to_contain_text("goal reached")
-    expect(page.locator("#campaigns-table")).to_contain_text(re.compile(r"[1-9]\s%5\.00\s%"))
+    expect(page.locator("#campaigns-table")).to_contain_text(re.compile(r"\d\s%5\.00\s%"))
     assert heard.complaints == []
 
 
