@@ -156,6 +156,24 @@ def test_the_verdict_is_the_services_and_leads_to_the_next_click(page: Any, mode
         expect(page.locator("#verdict")).to_be_visible()
 
 
+def test_another_estimator_is_tried_with_all_that_the_model_was_made_of(page: Any, model: str) -> None:
+    def with_bodies_that_cannot_exist(route: Any) -> None:
+        answer = route.fetch()
+        found = answer.json()
+        for use in found["uses"]:
+            use["next_action"] = "identify_feasible"
+        route.fulfill(response=answer, json=found)
+
+    page.route("**/verdict", with_bodies_that_cannot_exist)
+    page.reload()
+    page.locator("#uses li[data-use=simulation]").get_by_role("button", name="Do it here").click()
+    page.wait_for_url(lambda address: model not in address)
+    page.locator("#error-table").wait_for()
+    before, after = (ask(page, f"/identifications/{one}")["request"] for one in (model, identifier(page)))
+    assert after.pop("estimator") == "feasible" != before.pop("estimator")
+    assert after == before
+
+
 def test_a_diagnosis_on_its_way_is_found_again_after_a_reload(page: Any, model: str) -> None:
     open_tab(page, "Missing")
     with page.expect_response(lambda answer: answer.url.endswith("/v1/diagnoses") and answer.request.method == "POST"):

@@ -2,9 +2,10 @@
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
+import { identifyBy } from "./extended_model.js";
 import { driftFigure } from "./ladder_figures.js";
 import { address } from "./page_address.js";
-import { orSay } from "./problem.js";
+import { orSay, pressed, problemBox } from "./problem.js";
 import { inPageWords } from "./recordings/remedies.js";
 import { byName, foldedTable } from "./tables.js";
 import { goToTab } from "./tabs.js";
@@ -17,7 +18,7 @@ export function verdictSection(model, signal) {
   const showNext = () => put(next, found && nextClick(model, found));
   const judge = () => orSay(body, async () => {
     found = await get(`/identifications/${model.id}/verdict`, {}, signal);
-    put(body, judged(found, model.robot.id));
+    put(body, judged(found, model, signal));
     showNext();
   }, signal, judge);
   model.addEventListener("diagnosis", showNext);
@@ -26,14 +27,14 @@ export function verdictSection(model, signal) {
   return section("fitness", "What it is fit for", body, next);
 }
 
-function judged(found, robot) {
+function judged(found, model, signal) {
   const fit = !found.stop && found.uses.every((one) => one.state === "yes");
   const { uses, drift } = byName(found);
   const words = (sentence) => inPageWords(sentence, found.remedies);
   return [
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, inPageWords(found.summary, found.stop?.remedies))),
     // After a gross fault the uses mean nothing.
-    uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, robot, words))) : null,
+    uses ? h("ul", { class: "verdicts", id: "uses" }, uses.rows.map((cells, k) => useLine(found.uses[k], cells, goOn(found.uses[k].next_action, model, signal), words))) : null,
     h("div", { id: "drift" }, foldedTable(drift), found.drift && !found.stop ? driftFigure(found.drift) : null),
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
     found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
@@ -42,19 +43,29 @@ function judged(found, robot) {
 
 const LOOKS = { ok: "pass", warning: "not_evaluated", error: "fail" };
 
-/** The tab, or the page, on which each next step is done. */
+/** The tab, or the page, on which each next step is done; another estimator is tried at once. */
 const PLACES = { diagnose: "missing", check_gains: "trust", weigh_load: "trust" };
-const PAGES = { design: "design", identify_feasible: "new", identify_gains: "new" };
+const PAGES = { design: "design", identify_gains: "new" };
+const ESTIMATORS = { identify_feasible: "feasible" };
+const DO_IT = "Do it here";
 
-function goOn(action, robot) {
-  if (PLACES[action]) return h("button", { type: "button", class: "small", onclick: () => goToTab(PLACES[action]) }, "Do it here");
-  return PAGES[action] ? h("a", { href: address({ view: PAGES[action], robot }) }, "Do it here") : null;
+function goOn(action, model, signal) {
+  if (PLACES[action]) return button(() => goToTab(PLACES[action]));
+  if (PAGES[action]) return h("a", { href: address({ view: PAGES[action], robot: model.robot.id }) }, DO_IT);
+  if (!ESTIMATORS[action]) return null;
+  const said = h("div");
+  const again = button(() => pressed(again, () => identifyBy(model, ESTIMATORS[action], said, signal), (error) => put(said, problemBox(error)), signal));
+  return [again, said];
 }
 
-function useLine({ use, next_action }, [name, fit, reason, next], robot, words) {
+function button(onclick) {
+  return h("button", { type: "button", class: "small", onclick }, DO_IT);
+}
+
+function useLine({ use }, [name, fit, reason, next], goingOn, words) {
   const chip = h("span", { class: `chip verdict ${LOOKS[fit.mark]}` }, fit.text);
   return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, name.text), chip),
-    h("div", { class: "reason" }, h("p", {}, words(reason.text)), h("p", { class: "note" }, `Next: ${next.text} `, goOn(next_action, robot))));
+    h("div", { class: "reason" }, h("p", {}, words(reason.text)), h("div", { class: "note" }, `Next: ${next.text} `, goingOn)));
 }
 
 /** A gross fault lies in the data; else what is missing comes before whether the rest is to be trusted. */
