@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
@@ -363,19 +363,19 @@ class ModelResults(ParameterStatistics):
         ----------
         path : path
             .urdf, .xml or .mjcf (MuJoCo), .c, .casadi or .json. C code, CasADi functions and JSON contain every effect;
-            URDF and MJCF hold links, rotors, Coulomb and viscous friction (MJCF also springs).
+            URDF and MJCF hold links and rotors as they were identified, and Coulomb and viscous friction (MJCF also
+            springs), fitted again where the model has effects that they cannot hold.
         nearest : bool
             URDF and MJCF: where no bodies that can exist have the identified parameters, write the nearest that can.
         anyway : bool
             Write also a model whose error is too large for any use.
 
-        Headers (.h, .hpp) of a model with held-out recordings (`validation`) have thresholds for contacts, for one
-        false alarm an hour or as few as these recordings can state.
-
         Returns
         -------
         ExportedFile
-            What was written, with notes on what the format cannot hold.
+            What was written, with its error on held-out data and notes on what the format cannot hold. Headers (.h,
+            .hpp) of a model with held-out recordings (`validation`) have thresholds for contacts, for one false alarm
+            an hour or as few as these recordings can state.
 
         Raises
         ------
@@ -393,7 +393,7 @@ class ModelResults(ParameterStatistics):
             raise DynidentError(f"{reason}. To write it anyway: export(…, anyway=True)", title="Not fit for use")
         file = export_model(self.identification, ENDINGS[path.suffix.lower()], nearest=nearest, held_out=self._held_out)
         write_atomically(path, file.content)
-        return ExportedFile(str(path), file.media_type, file.content, file.notes)
+        return replace(file, name=str(path))
 
     @property
     def _estimate(self) -> Estimate:

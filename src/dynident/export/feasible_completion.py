@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.effects import Role, get_effect, get_role
+from dynident.effects import Role, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import compute_errors
 from dynident.estimation.constrained_least_squares import (
@@ -24,6 +24,7 @@ from dynident.estimation.constrained_least_squares import (
     MatrixBound,
     solve_constrained,
 )
+from dynident.estimation.parameter_covariance import compute_null_space
 from dynident.identification import Estimate, Identification
 from dynident.identification.estimation_problem import Problem
 from dynident.identification.estimators.feasible import solve_feasible
@@ -52,6 +53,8 @@ class LinkUnknowns:
         Indices of the unknowns among `model.columns`: ten a link, then one a rotor.
     scale, nominal : ndarray (k,)
         Usual error of the description, and its values.
+    alone : bool
+        Whether everything else that the model has may change.
     """
 
     model: Model
@@ -60,10 +63,16 @@ class LinkUnknowns:
     columns: IndexArray
     scale: FloatArray
     nominal: FloatArray
+    alone: bool = False
 
     @classmethod
     def from_model(
-        cls, model: Model, *, rotors_in_links: bool = False, estimated: StandardParameters | None = None
+        cls,
+        model: Model,
+        *,
+        rotors_in_links: bool = False,
+        estimated: StandardParameters | None = None,
+        alone: bool = False,
     ) -> LinkUnknowns:
         """Return the unknowns of a model.
 
@@ -75,6 +84,8 @@ class LinkUnknowns:
             Leave out rotors whose inertia is grouped with that of links, so that the links have it all.
         estimated : StandardParameters, optional
             Nominal values instead of the description's.
+        alone : bool
+            Everything else that the model has may change.
 
         Raises
         ------
@@ -111,7 +122,7 @@ class LinkUnknowns:
         # description.
         if estimated is not None:
             nominal = estimated.values[columns]
-        return cls(model, links, rotors, columns, scale, nominal)
+        return cls(model, links, rotors, columns, scale, nominal, alone)
 
     @property
     def size(self) -> int:
@@ -124,10 +135,22 @@ class LinkUnknowns:
         return np.arange(self.size - len(self.rotors), self.size)
 
     @cached_property
-    def base_rows(self) -> IndexArray:
-        """Base parameters that are those of links and rotors."""
-        inertial = [get_effect(column.effect).is_inertia and not column.runs for column in self.model.kept]
-        return np.flatnonzero(inertial)
+    def determined(self) -> FloatArray:
+        """(e, b): the sums of base parameters that links and rotors have to give.
+
+        A constant torque on a vertical slide, say, is grouped with the mass that it carries. Where it may change, only
+        what is left when it is eliminated counts of the base parameters that hold it.
+        """
+        grouping, b = self.model.base.grouping, self.model.n_parameters
+        own = np.array([get_role(column) in ("link", "rotor") and not column.runs for column in self.model.columns])
+        if not self.alone:
+            return np.asarray(np.eye(b)[own[list(self.model.base.kept)]])
+        mixed = np.asarray(grouping[:, ~own].any(axis=1))
+        sums = compute_null_space(grouping[mixed][:, ~own].T).T
+        among = np.zeros((len(sums), b))
+        among[:, mixed] = sums
+        # Parameters that nothing else is in stay apart: their sizes are very different.
+        return np.concatenate([np.eye(b)[~mixed], among])
 
     @cached_property
     def grouping(self) -> FloatArray:
@@ -247,7 +270,7 @@ class Completion:
 
 
 def complete_parameters(
-    identification: Identification, *, nearest: bool = False, rotors_in_links: bool = False
+    identification: Identification, *, nearest: bool = False, rotors_in_links: bool = False, links_alone: bool = False
 ) -> Completion:
     """Return feasible standard parameters that give the identified base parameters exactly.
 
@@ -259,6 +282,9 @@ def complete_parameters(
         If there are none, return those with the nearest torque along the identification's data instead, and a note.
     rotors_in_links : bool
         Give rotors only what cannot belong to the links.
+    links_alone : bool
+        Everything else is fitted again in any case: neither negative friction nor what links share with a constant
+        torque is a hindrance.
 
     Returns
     -------
@@ -271,12 +297,15 @@ def complete_parameters(
         If there are none and `nearest` is not set (naming the links), or the model has no rigid body.
     """
     values = identification.values
-    blamed = _describe_negative_friction(identification.estimate)
+    blamed = [] if links_alone else _describe_negative_friction(identification.estimate)
     margins = _SMALL_MARGINS if identification.choices.solver.possible_bodies else _MARGINS
     # If the links cannot take the rotors' inertia, try again with rotors of their own.
     for merged in (True, False) if rotors_in_links else (False,):
         unknowns = LinkUnknowns.from_model(
-            identification.model, rotors_in_links=merged, estimated=identification.estimate.standard
+            identification.model,
+            rotors_in_links=merged,
+            estimated=identification.estimate.standard,
+            alone=links_alone,
         )
         equations = _build_equations(unknowns, values)
         completed = _solve_completion(unknowns, equations, values, margins)
@@ -297,9 +326,9 @@ def complete_parameters(
 
 def _build_equations(unknowns: LinkUnknowns, values: FloatArray) -> EqualityConstraints:
     """Return the base parameters as equations of the scaled unknowns, each row of unit length."""
-    factor = unknowns.grouping[unknowns.base_rows] * unknowns.scale
+    factor = unknowns.determined @ unknowns.grouping * unknowns.scale
     sizes = np.linalg.norm(factor, axis=1)
-    return EqualityConstraints(factor / sizes[:, None], values[unknowns.base_rows] / sizes)
+    return EqualityConstraints(factor / sizes[:, None], unknowns.determined @ values / sizes)
 
 
 def _solve_completion(
@@ -321,15 +350,15 @@ def _solve_completion(
             continue
         # The solver meets the equations to its tolerance only. Project on them exactly, and check that the small move
         # has not left the feasible set.
-        moved = _project_on_base(unknowns, values[unknowns.base_rows], solution.values * unknowns.scale)
+        moved = _project_on_base(unknowns, unknowns.determined @ values, solution.values * unknowns.scale)
         if np.all(unknowns.compute_margins(moved) > _POSSIBLE) and np.all(moved[unknowns.rotor_places] >= 0):
             return moved
     return None
 
 
 def _project_on_base(unknowns: LinkUnknowns, base: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the unknowns after the smallest move that makes them give the base parameters to the last digit."""
-    grouping, rotors = unknowns.grouping[unknowns.base_rows], unknowns.rotor_places
+    """Return the unknowns after the smallest move that makes them give these sums to the last digit."""
+    grouping, rotors = unknowns.determined @ unknowns.grouping, unknowns.rotor_places
     # A rotor that is zero stays zero: the smallest move would make it slightly negative as likely as positive.
     none = rotors[values[rotors] < _NO_ROTOR * unknowns.scale[rotors]]
     weights, moved = unknowns.scale.copy(), values.copy()
@@ -404,6 +433,24 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
         completed = fit.standard.values[unknowns.columns]
     changed = _collect_by_joint(identification.model, unknowns, completed, values)
     return replace(changed, exact=False, notes=(note, *changed.notes))
+
+
+def compute_base_parameters(model: Model, completion: Completion) -> FloatArray:
+    """Return what the links and rotors of a completion give of a model's base parameters (b,)."""
+    unknowns = LinkUnknowns.from_model(model)
+    return unknowns.grouping @ _list_unknowns(unknowns, completion)
+
+
+def replace_friction(completion: Completion, model: Model, values: FloatArray) -> Completion:
+    """Return a completion with the same links and rotors for base parameters (b,) of a model with other friction."""
+    unknowns = LinkUnknowns.from_model(model)
+    changed = _collect_by_joint(model, unknowns, _list_unknowns(unknowns, completion), values)
+    return replace(changed, exact=completion.exact, notes=completion.notes)
+
+
+def _list_unknowns(unknowns: LinkUnknowns, completion: Completion) -> FloatArray:
+    """Return a completion's links and rotors as the unknowns (k,)."""
+    return np.append(completion.inertias[list(unknowns.links)].ravel(), completion.rotors[list(unknowns.rotors)])
 
 
 def _describe_torque_difference(identification: Identification, values: FloatArray) -> str:

@@ -15,8 +15,14 @@ from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, Role, get_effect, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
+from dynident.estimation.least_squares import build_weighted_factor
 from dynident.export.comments_and_names import describe_effect
-from dynident.export.feasible_completion import Completion, complete_parameters
+from dynident.export.feasible_completion import (
+    Completion,
+    complete_parameters,
+    compute_base_parameters,
+    replace_friction,
+)
 from dynident.identification import Identification, reidentify
 from dynident.number_format import format_percent
 from dynident.regressors.errors_by_phase import compute_moving_errors
@@ -55,8 +61,8 @@ def check_base(identification: Identification) -> None:
 def project_model(identification: Identification, held: Collection[Role]) -> Identification:
     """Return a model with only the effects that a format can hold, fitted to the same data again.
 
-    Where the format holds all effects, that is the model itself. Since the model is a least-squares fit, the new one is
-    also the nearest to its torque along these data.
+    Where the format holds all effects, that is the model itself. In the new one links and rotors make up for the
+    effects that are missing, as far as they can: `fit_beside_links` has what a file is to hold.
 
     Parameters
     ----------
@@ -77,6 +83,52 @@ def project_model(identification: Identification, held: Collection[Role]) -> Ide
     # factors.
     estimator = choices.estimator if choices.solver.from_reduced else "wls"
     return reidentify(identification, replace(choices, effects=held_effects, strategy="global", estimator=estimator))
+
+
+def fit_beside_links(identification: Identification, projected: Identification, links: Completion) -> Identification:
+    """Return a projected model with given links and rotors, and everything else fitted to the data again.
+
+    A constant torque or a spring that the format lacks is no mass. A fit of the links without it predicts motions like
+    the recorded ones a little better and everything else worse: of an arm with offsets of its sensors a link came out
+    at seven times its mass. Friction, however, takes on what it can of a law that is missing.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, which says how sure the parameters are.
+    projected : Identification
+        The model with only the effects that the format can hold.
+    links : Completion
+        The links and rotors.
+
+    Returns
+    -------
+    Identification
+        The projected model with other values. Friction is not negative.
+    """
+    model, training = projected.model, projected.data.training
+    values = compute_base_parameters(model, links)
+    free = np.array([not get_effect(column.effect).is_inertia for column in model.kept])
+    if free.any():
+        # Imported here: few who import this module write files.
+        from scipy.optimize import lsq_linear
+
+        weighted = build_weighted_factor(training, projected.estimate.solution.noise)
+        lower = [0.0 if get_role(column) in ("dry", "damping") else -np.inf for column in model.kept]
+        rest = lsq_linear(
+            weighted[:, :-1][:, free], weighted[:, -1] - weighted[:, :-1] @ values, (np.array(lower)[free], np.inf)
+        )
+        values[free] += rest.x
+    places = [column.name for column in identification.model.kept]
+    statistics = projected.statistics
+    if all(column.name in places for column in model.kept):
+        shared = [places.index(column.name) for column in model.kept]
+        own = identification.statistics
+        statistics = replace(statistics, covariance=own.covariance[np.ix_(shared, shared)], freedom=own.freedom[shared])
+    solution = replace(projected.estimate.solution, values=values)
+    return projected.with_changes(
+        estimate=projected.estimate.with_changes(solution=solution, statistics=statistics, standard=None)
+    )
 
 
 def predicts_as_well(identification: Identification, values: FloatArray) -> bool:
@@ -196,7 +248,8 @@ class FeasibleLinks:
     identification : Identification
         The identified model, with the data of its fit.
     projected : Identification
-        The model with only those effects that the format can hold, fitted to the data again.
+        The model with only those effects that the format can hold: its links and rotors are those of the identified
+        model, and the rest was fitted to the data again.
     standard : Completion
         Standard parameters of the projected model.
     held : tuple of Role
@@ -218,14 +271,19 @@ class FeasibleLinks:
         `nearest` is set.
         """
         check_base(identification)
-        projected = project_model(identification, held)
+        fitted = projected = project_model(identification, held)
+        whole, impossible = fitted is identification, None
         try:
-            standard = complete_parameters(projected, rotors_in_links=rotors_in_links)
-        except DynidentError:
-            standard = complete_parameters(projected, nearest=True, rotors_in_links=rotors_in_links)
-            # Bodies that predict held-out data as well are no loss: the user need not ask for them.
-            if not nearest and not predicts_as_well(projected, standard.values):
-                raise
+            standard = complete_parameters(identification, rotors_in_links=rotors_in_links, links_alone=not whole)
+        except DynidentError as error:
+            impossible = error
+            standard = complete_parameters(identification, nearest=True, rotors_in_links=rotors_in_links)
+        if not whole:
+            projected = fit_beside_links(identification, fitted, standard)
+            standard = replace_friction(standard, fitted.model, projected.values)
+        # Bodies that predict held-out data as well are no loss: the user need not ask for them.
+        if impossible is not None and not nearest and not predicts_as_well(fitted, standard.values):
+            raise impossible
         return cls(identification, projected, standard, held)
 
     @property
@@ -254,7 +312,10 @@ class FeasibleLinks:
             if choice not in choices_in_file
         ]
         if left_out:
-            left_out.append("The other parameters were fitted to the data again without these effects.")
+            left_out.append(
+                "Links and rotors are as identified; what else the file holds was fitted to the data again without "
+                "these effects."
+            )
         notes = [*self.cost.describe(), *self.standard.notes, *left_out]
         if self.rounding_error > SMALL:
             notes.append(

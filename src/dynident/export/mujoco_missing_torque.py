@@ -34,8 +34,8 @@ _KNOWN = ("q", "dq", "ddq", "time", "period", "temperature", "z", "runs")
 def to_mujoco(identification: Identification, *, nearest: bool = False) -> mujoco.MjModel:
     """Return the links, rotors, friction and springs of a model as a MuJoCo model, for use with `MissingTorque`.
 
-    The parameters are those of the whole model. `to_mjcf` differs: it fits them again without the other effects. Where
-    no robot can have them, those of the nearest that can are taken, and a Python warning says what that costs.
+    The parameters are those of the whole model. `to_mjcf` differs: it fits friction again without the other effects.
+    Where no robot can have them, those of the nearest that can are taken, and a Python warning says what that costs.
 
     Parameters
     ----------

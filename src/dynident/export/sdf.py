@@ -61,7 +61,7 @@ def to_sdf(identification: Identification, *, nearest: bool = False) -> Exported
     check_is_tree(identification, "SDF")
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
     robot, names = links.robot, _Names.from_robot(links.robot)
-    notes = (*_write_notes(links, names), *links.notes)
+    notes = (*links.notes, *_write_notes(links, names))
     lines = [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *notes]
     comment = "\n".join(f"  {escape_xml_comment(line)}" for line in lines)
     parts = "\n".join(

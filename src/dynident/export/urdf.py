@@ -64,7 +64,7 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     """
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
     robot = links.robot
-    notes = (*_write_notes(links), *links.notes)
+    notes = (*links.notes, *_write_notes(links))
     text = robot.description.content if robot.description.format == "urdf" else urdf_from_robot(robot)
     tree = _EditedUrdf(text, robot.locked_joints)
     units = find_description_units(robot.tree)

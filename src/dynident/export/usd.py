@@ -66,7 +66,7 @@ def to_usd(identification: Identification, *, nearest: bool = False) -> Exported
                 pointer="/format",
                 title="Not expressible in USD",
             )
-    notes = (*_write_notes(links), *links.notes)
+    notes = (*links.notes, *_write_notes(links))
     link_names, joint_names = name_prims(robot)
     root = _make_prim_names([robot.name])[0]
     gravity = np.asarray(robot.gravity)
