@@ -79,7 +79,7 @@ def identify(kind: Kind, folder: Path, args: argparse.Namespace) -> tuple[dy.Mod
     )
     floor = dy.identify(robot, runs[4:], choices=same).errors.to_frame()
     errors = model.errors.to_frame()
-    held_out, fitted = errors["held_out_rms"].to_numpy(), floor["fit_rms"].to_numpy()
+    held_out, fitted = errors["held_out_moving_rms"].to_numpy(), floor["fit_moving_rms"].to_numpy()
     mass = next(row for row in model.parameters if row.name == f"M{robot.n_base}")
     true_mass = build_walker(kind, args.seed).mass
     row = [

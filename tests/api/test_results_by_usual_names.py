@@ -327,6 +327,12 @@ def test_several_values_are_tested_at_once(model: dy.Model, robot: dy.Robot, run
     assert (test.df_diff, test.df_resid) == (3, blocks - 3)
     assert test.f_value == pytest.approx(square * (blocks - 3) / (3 * (blocks - 1)))
     assert test.p_value == pytest.approx(scipy.stats.f.sf(test.f_value, 3, blocks - 3))
+    # Of two parameters that are said to be equal the error of both counts.
+    equal, a, b = model.wald_test({"Fc1": "Fc2"}), *(list(model.params).index(name) for name in ("Fc1", "Fc2"))
+    covariance = np.asarray(model.covariance)
+    variance = covariance[a, a] + covariance[b, b] - 2 * covariance[a, b]
+    assert equal.f_value == pytest.approx((model.params["Fc1"] - model.params["Fc2"]) ** 2 / variance)
+    assert equal.df_diff == 1
     # The test of a model with these values agrees with it where every row counts as independent.
     independent = dy.IdentificationChoices(covariance="independent", estimator="wls", weigh_turns=False)
     plain = dy.identify(robot, runs[:1], choices=independent, filters=model.filters)

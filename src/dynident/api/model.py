@@ -278,6 +278,11 @@ class Model(ModelResults):
         ------
         DynidentError
             Where they hold other samples than those that it was identified from, or held-out ones have other names.
+
+        Notes
+        -----
+        A new model of other or further recordings, with the same choices:
+        ``dynident.identify(model.robot, recordings, validation=validation, choices=model.identification.choices)``.
         """
         fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
         # Where the model knows the samples, a copy by another name is the same recording.

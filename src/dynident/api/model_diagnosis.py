@@ -11,7 +11,7 @@ from dynident.api.argument_checks import check_arguments
 from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_identification import as_model
-from dynident.api.named_tables import Framed, PlainText, Table, build_columns
+from dynident.api.named_tables import Framed, PlainText, Table, build_columns, describe_missing
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.diagnosis import (
     Conclusion,
@@ -171,6 +171,11 @@ class DiagnosedModel(Framed):
         >>> print(dy.diagnose(model).why_not("backlash", "elbow"))  # doctest: +SKIP
         Not significant: p = 0.34, and the level is 0.01.
         """
+        joints = self.model.robot.joint_names
+        if joint and joint not in joints:
+            raise DynidentError(
+                describe_missing("joint", str(joint), joints, {}), pointer="joint", title="Unknown joint"
+            )
         return self.diagnosis.why_not(effect, joint)
 
     @property

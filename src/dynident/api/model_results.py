@@ -176,6 +176,7 @@ class ModelResults(ParameterStatistics):
             return predicted.torque.reshape(motion.shape)
         return PredictedTorque(
             predicted.torque.reshape(motion.shape),
+            predicted.se_mean.reshape(motion.shape),
             predicted.mean_half_width.reshape(motion.shape),
             predicted.half_width.reshape(motion.shape),
             level,

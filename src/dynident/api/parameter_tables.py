@@ -112,13 +112,13 @@ class JointError(CheckedResult):
         Relative error (fraction) on all rows of the data of the fit.
     fit_moving : float or None
         The same on rows where the joint moves.
-    fit_rms : float or None
+    fit_moving_rms : float or None
         Root mean square error in `unit` on rows of the fit where the joint moves.
     held_out : float or None
         Relative error (fraction) on all rows of held-out data.
     held_out_moving : float or None
         The same on rows where the joint moves.
-    held_out_rms : float or None
+    held_out_moving_rms : float or None
         Root mean square error in `unit` on held-out rows where the joint moves.
     """
 
@@ -126,10 +126,10 @@ class JointError(CheckedResult):
     unit: str
     fit: float
     fit_moving: float | None
-    fit_rms: float | None
+    fit_moving_rms: float | None
     held_out: float | None
     held_out_moving: float | None
-    held_out_rms: float | None
+    held_out_moving_rms: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +190,8 @@ class ErrorTable(Items[JointError], Framed):
 
     def _table(self) -> ReportedTable:
         items = self.items
-        fit = [(item.fit_rms, item.fit_moving, item.fit) for item in items]
-        held_out = [(item.held_out_rms, item.held_out_moving, item.held_out) for item in items]
+        fit = [(item.fit_moving_rms, item.fit_moving, item.fit) for item in items]
+        held_out = [(item.held_out_moving_rms, item.held_out_moving, item.held_out) for item in items]
         kinds = [_join_errors("fit", fit)]
         kinds += [] if all(errors[-1] is None for errors in held_out) else [_join_errors("held out", held_out)]
         table = build_error_table(kinds, [item.joint for item in items], [item.unit for item in items])
@@ -399,8 +399,8 @@ class ParameterStatistics(CheckedResult):
         """
         return PlainText(format_summary(self.identification))
 
-    def wald_test(self, values: Mapping[str, float]) -> FTest:
-        """Test whether several parameters have given values, all at once.
+    def wald_test(self, values: Mapping[str, float | str]) -> FTest:
+        """Test whether parameters have given values, or are equal to others, all at once.
 
         It takes the estimates and their covariance as they are. A covariance by blocks of time (the default) is itself
         estimated from as many samples as there are blocks: the test is then Hotelling's T², with as many degrees of
@@ -410,8 +410,8 @@ class ParameterStatistics(CheckedResult):
 
         Parameters
         ----------
-        values : mapping of str to float
-            Values of base parameters by name, in SI units.
+        values : mapping of str to float or str
+            By name of a base parameter, its value in SI units, or the name of another one that it is equal to.
 
         Returns
         -------
@@ -426,10 +426,15 @@ class ParameterStatistics(CheckedResult):
         Examples
         --------
         >>> model.wald_test({"Fc1": 3.0, "Fv1": 2.0}).p_value  # doctest: +SKIP
+        >>> model.wald_test({"Fc1": "Fc3"}).p_value  # doctest: +SKIP
         """
-        known = isinstance(values, Mapping) and values and all(map(_is_finite, values.values()))
-        require(bool(known), values, "values", 'give values by the names of parameters: {"Fc1": 3.0, "Fv1": 2.0}')
-        for name in values:
+        known = isinstance(values, Mapping) and values
+        known = known and all(
+            _is_finite(value) or (isinstance(value, str) and value != name) for name, value in values.items()
+        )
+        remedy = 'give values by the names of parameters, {"Fc1": 3.0}, or what they are equal to, {"Fc1": "Fc3"}'
+        require(bool(known), values, "values", remedy)
+        for name in (*values, *(value for value in values.values() if isinstance(value, str))):
             if name not in self._names:
                 raise DynidentError(describe_missing("parameter", name, self._names, self._groupings), pointer="values")
         return FTest.from_test(compute_test_of_values(self.identification, values))
@@ -451,6 +456,10 @@ class ParameterStatistics(CheckedResult):
     def _label(self, columns: dict[str, FloatArray], title: str) -> Table:
         units = {column.name: column.unit for column in self.identification.model.kept}
         return Table(columns, units, self._names, "parameter", title, self._groupings)
+
+
+def _is_condition(name: str, value: object) -> bool:
+    return value != name if isinstance(value, str) else _is_finite(value)
 
 
 def _is_finite(number: object) -> bool:

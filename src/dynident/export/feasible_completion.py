@@ -135,7 +135,7 @@ class LinkUnknowns:
         return np.arange(self.size - len(self.rotors), self.size)
 
     @cached_property
-    def determined(self) -> FloatArray:
+    def link_sums(self) -> FloatArray:
         """(e, b): the sums of base parameters that links and rotors have to give.
 
         A constant torque on a vertical slide, say, is grouped with the mass that it carries. Where it may change, only
@@ -326,9 +326,9 @@ def complete_parameters(
 
 def _build_equations(unknowns: LinkUnknowns, values: FloatArray) -> EqualityConstraints:
     """Return the base parameters as equations of the scaled unknowns, each row of unit length."""
-    factor = unknowns.determined @ unknowns.grouping * unknowns.scale
+    factor = unknowns.link_sums @ unknowns.grouping * unknowns.scale
     sizes = np.linalg.norm(factor, axis=1)
-    return EqualityConstraints(factor / sizes[:, None], unknowns.determined @ values / sizes)
+    return EqualityConstraints(factor / sizes[:, None], unknowns.link_sums @ values / sizes)
 
 
 def _solve_completion(
@@ -350,7 +350,7 @@ def _solve_completion(
             continue
         # The solver meets the equations to its tolerance only. Project on them exactly, and check that the small move
         # has not left the feasible set.
-        moved = _project_on_base(unknowns, unknowns.determined @ values, solution.values * unknowns.scale)
+        moved = _project_on_base(unknowns, unknowns.link_sums @ values, solution.values * unknowns.scale)
         if np.all(unknowns.compute_margins(moved) > _POSSIBLE) and np.all(moved[unknowns.rotor_places] >= 0):
             return moved
     return None
@@ -358,7 +358,7 @@ def _solve_completion(
 
 def _project_on_base(unknowns: LinkUnknowns, base: FloatArray, values: FloatArray) -> FloatArray:
     """Return the unknowns after the smallest move that makes them give these sums to the last digit."""
-    grouping, rotors = unknowns.determined @ unknowns.grouping, unknowns.rotor_places
+    grouping, rotors = unknowns.link_sums @ unknowns.grouping, unknowns.rotor_places
     # A rotor that is zero stays zero: the smallest move would make it slightly negative as likely as positive.
     none = rotors[values[rotors] < _NO_ROTOR * unknowns.scale[rotors]]
     weights, moved = unknowns.scale.copy(), values.copy()

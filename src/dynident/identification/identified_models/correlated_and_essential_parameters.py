@@ -1,7 +1,4 @@
-"""Essential parameters of a model and its strongly correlated ones, as results with sentences.
-
-The algorithms and their thresholds are in estimation/.
-"""
+"""Essential parameters of a model and its strongly correlated ones, as sentences; estimation/ has the algorithms."""
 
 from __future__ import annotations
 
@@ -334,15 +331,15 @@ def compare_nested(larger: Identification, smaller: Identification) -> WaldTest:
     return _test_conditions(larger, values, covariance, float(uncertainty.freedom.min()))
 
 
-def compute_test_of_values(identification: Identification, values: Mapping[str, float]) -> WaldTest:
-    """Test whether parameters of a model have given values, all at once.
+def compute_test_of_values(identification: Identification, values: Mapping[str, float | str]) -> WaldTest:
+    """Test whether parameters of a model have given values, or are equal to others, all at once.
 
     Parameters
     ----------
     identification : Identification
         The model; its own estimates and their covariance are tested.
-    values : mapping of str to float
-        Values of base parameters by name.
+    values : mapping of str to float or str
+        By name of a base parameter, its value or the name of another one that it is equal to.
 
     Returns
     -------
@@ -355,9 +352,13 @@ def compute_test_of_values(identification: Identification, values: Mapping[str, 
         For a parameter that was not estimated, or too few blocks of time.
     """
     names, uncertainty = [column.name for column in identification.model.kept], identification.statistics
-    for name in values:
-        check_unique(name, names, "values")
-    tested = [names.index(name) for name in values]
+    conditions, right = np.zeros((len(values), len(names))), np.zeros(len(values))
+    for row, (name, value) in enumerate(values.items()):
+        for one, sign in ((name, 1.0), *(((value, -1.0),) if isinstance(value, str) else ())):
+            check_unique(one, names, "values")
+            conditions[row, names.index(one)] = sign
+        right[row] = 0.0 if isinstance(value, str) else value
+    tested = np.flatnonzero(conditions.any(axis=0))
     fixed = [names[k] for k in tested if uncertainty.standard_deviations[k] == 0]
     if fixed:
         raise DynidentError(
@@ -365,10 +366,10 @@ def compute_test_of_values(identification: Identification, values: Mapping[str, 
             pointer="values",
             title="Not estimated",
         )
-    difference = identification.values[tested] - np.array(list(values.values()), dtype=np.float64)
-    covariance, freedom = uncertainty.covariance[np.ix_(tested, tested)], float(uncertainty.freedom[tested].min())
+    difference, freedom = conditions @ identification.values - right, float(uncertainty.freedom[tested].min())
+    covariance = conditions @ uncertainty.covariance @ conditions.T
     # One value is tested as its interval is: the two must not contradict each other.
-    if len(tested) == 1:
+    if len(values) == 1:
         return compute_wald_test(difference, covariance, freedom)
     return _test_conditions(identification, difference, covariance, freedom)
 

@@ -110,8 +110,8 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
     )
     raise DynidentError(
         f"these are not the recordings that the model was identified from ({names}): {difference}. Give the same "
-        "files, read in the same way: the same windows, columns, units, gains and skipped steps. For other data "
-        "identify a new model.",
+        "files, read in the same way: the same windows, columns, units, gains and skipped steps. For other or more "
+        "data identify a new model with the same choices.",
         pointer="/recordings",
         title="Other recordings",
     )

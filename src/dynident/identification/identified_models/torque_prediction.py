@@ -34,16 +34,20 @@ class PredictedTorque:
     torque : (m, n)
         Predicted torque in N m or N. NaN, as all of the interval, for a joint whose torque was not recorded: the model
         has no equation of it.
+    se_mean : (m, n)
+        Standard deviation of the model's own torque √(w C wᵀ), from the covariance C of the parameters.
     mean_half_width : (m, n)
-        Half-width of the interval of the model's own torque, from the covariance of the parameters.
+        Half-width of the interval of the model's own torque: the standard deviation times a quantile of Student's t,
+        with the median of the parameters' degrees of freedom.
     half_width : (m, n)
-        Half-width of the interval of what would be measured, behind the filters of the identification: the residual
-        noise comes on top.
+        Half-width of the interval of what would be measured, behind the filters of the identification: the root of the
+        sum of squares of `mean_half_width` and of the noise of the joint's residual times its own quantile.
     level : float
         Probability of the intervals.
     """
 
     torque: FloatArray
+    se_mean: FloatArray
     mean_half_width: FloatArray
     half_width: FloatArray
     level: float
@@ -61,7 +65,7 @@ class PredictedTorque:
     def __repr__(self) -> str:
         return (
             f"PredictedTorque(shape {self.torque.shape}; .torque, .lower and .upper: {self.level:.4g} interval of what "
-            "would be measured; .mean_half_width: of the model's own torque)"
+            "would be measured; .mean_half_width and .se_mean: of the model's own torque)"
         )
 
 
@@ -122,10 +126,8 @@ def predict(
     quantile, of_noise = estimate.statistics.prediction_quantiles(level)
     mean = quantile * deviation
     has_torque = observation.robot.has_torque
-    torque, mean, wide = (
-        np.where(has_torque, part, np.nan) for part in (torque, mean, np.hypot(mean, of_noise * estimate.noise))
-    )
-    return PredictedTorque(torque, mean, wide, level)
+    wide = np.hypot(mean, of_noise * estimate.noise)
+    return PredictedTorque(*(np.where(has_torque, part, np.nan) for part in (torque, deviation, mean, wide)), level)
 
 
 def compute_prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:
