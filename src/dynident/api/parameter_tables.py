@@ -433,7 +433,7 @@ class ParameterStatistics(CheckedResult):
             _is_finite(value) or (isinstance(value, str) and value != name) for name, value in values.items()
         )
         remedy = 'give values by the names of parameters, {"Fc1": 3.0}, or what they are equal to, {"Fc1": "Fc3"}'
-        require(bool(known), values, "values", remedy)
+        require(known, values, "values", remedy)
         for name in (*values, *(value for value in values.values() if isinstance(value, str))):
             if name not in self._names:
                 raise DynidentError(describe_missing("parameter", name, self._names, self._groupings), pointer="values")

@@ -354,9 +354,9 @@ def compute_test_of_values(identification: Identification, values: Mapping[str, 
     names, uncertainty = [column.name for column in identification.model.kept], identification.statistics
     conditions, right = np.zeros((len(values), len(names))), np.zeros(len(values))
     for row, (name, value) in enumerate(values.items()):
-        for one, sign in ((name, 1.0), *(((value, -1.0),) if isinstance(value, str) else ())):
-            check_unique(one, names, "values")
-            conditions[row, names.index(one)] = sign
+        for term, sign in ((name, 1.0), *(((value, -1.0),) if isinstance(value, str) else ())):
+            check_unique(term, names, "values")
+            conditions[row, names.index(term)] = sign
         right[row] = 0.0 if isinstance(value, str) else value
     tested = np.flatnonzero(conditions.any(axis=0))
     fixed = [names[k] for k in tested if uncertainty.standard_deviations[k] == 0]

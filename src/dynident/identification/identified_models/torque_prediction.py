@@ -127,7 +127,8 @@ def predict(
     mean = quantile * deviation
     has_torque = observation.robot.has_torque
     wide = np.hypot(mean, of_noise * estimate.noise)
-    return PredictedTorque(*(np.where(has_torque, part, np.nan) for part in (torque, deviation, mean, wide)), level)
+    torque, deviation, mean, wide = (np.where(has_torque, part, np.nan) for part in (torque, deviation, mean, wide))
+    return PredictedTorque(torque, deviation, mean, wide, level)
 
 
 def compute_prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:
