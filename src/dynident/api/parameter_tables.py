@@ -428,10 +428,7 @@ class ParameterStatistics(CheckedResult):
         >>> model.wald_test({"Fc1": 3.0, "Fv1": 2.0}).p_value  # doctest: +SKIP
         >>> model.wald_test({"Fc1": "Fc3"}).p_value  # doctest: +SKIP
         """
-        known = isinstance(values, Mapping) and values
         known = bool(isinstance(values, Mapping) and values and all(_is_condition(*item) for item in values.items()))
-            _is_finite(value) or (isinstance(value, str) and value != name) for name, value in values.items()
-        )
         remedy = 'give values by the names of parameters, {"Fc1": 3.0}, or what they are equal to, {"Fc1": "Fc3"}'
         require(known, values, "values", remedy)
         for name in (*values, *(value for value in values.values() if isinstance(value, str))):
