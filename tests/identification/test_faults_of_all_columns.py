@@ -332,6 +332,20 @@ def test_a_wrist_that_is_logged_at_the_motors_of_its_differential_is_told_with_w
     assert f"replace q5 by {'-' if first < 0 else ''}{size}q5 + {size}q6" in check.detail
 
 
+@pytest.mark.parametrize(("seed", "sign"), [(6, 1.0), (7, -1.0)])
+def test_a_wrist_whose_last_motor_drives_through_the_gears_before_is_told_with_what_to_compute(
+    seed: int, sign: float
+) -> None:
+    motion, tau = measured(seed)
+    q, at_motors = motion.q.copy(), tau.copy()
+    q[:, 5] += sign * q[:, 4]
+    at_motors[:, 4] -= sign * tau[:, 5]
+    (check,) = findings(record(ROBOT, replace(motion, q=q), at_motors))
+    assert (check.name, check.status, check.apply) == ("joint_coupling", "error", None)
+    minus, plus = ("-", "+") if sign > 0 else ("", "-")
+    assert f"replace q6 by {minus}q5 + q6, tau5 by tau5 {plus} tau6, and velocities" in check.detail
+
+
 def test_a_mirrored_joint_of_a_pendulum_is_told_by_its_masses() -> None:
     pendulum = robot_from_urdf("pendulum", PENDULUM)
     motion = fourier_motion(pendulum, 20.0, 200.0, 4)

@@ -185,14 +185,14 @@ FaultKind = Literal[
 
 @dataclass(frozen=True)
 class Mixing:
-    """How a differential makes the positions of two joints of those of its two motors.
+    """How gears make the positions of two joints of those of their two motors.
 
     Parameters
     ----------
     scale : float
         Factor of all entries of the matrix.
     signs : (4,) tuple of int
-        Signs of its entries, row by row.
+        Its entries, row by row: 1, -1 or 0.
     """
 
     scale: float
@@ -228,9 +228,10 @@ MIXINGS = tuple(
     for rows in ((_SUM, _DIFFERENCE), (_DIFFERENCE, _SUM))
     for signs in product((1, -1), repeat=2)
     for scale in (0.5, 1.0)
-)
-"""Angles of two joints, as a differential makes them of those of its two motors: half their sum and half their
-difference, or both whole where the gear ratio counts for each motor."""
+) + tuple(Mixing(1.0, (1, 0, sign, 1)) for sign in (1, -1))
+"""Angles of two joints, as gears make them of those of their two motors. A differential: half their sum and half their
+difference, or both whole where the gear ratio counts for each motor. A wrist whose second motor drives through the
+first joint's bevel gears: the first as it is, the second less or more by it."""
 
 ZEROS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
 """rad that conventions of a joint's zero differ by: stretched out or upright, Denavit-Hartenberg or the maker's."""
@@ -280,7 +281,7 @@ class ColumnFault:
         position is that of the column less `factor` times the second's. Of a joint whose zero is elsewhere, the angle
         in rad that its column has too much.
     mixing : Mixing, optional
-        How a differential makes the positions of two joints of those of its motors, which the columns are.
+        How gears make the positions of two joints of those of their motors, which the columns are.
     sources : tuple of int
         Of joints whose columns go round in a ring, the joint in whose place each joint's columns stand.
     """

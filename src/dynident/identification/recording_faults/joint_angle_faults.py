@@ -317,11 +317,11 @@ def describe_mixing(fault: ColumnFault, names: Sequence[str], q: Sequence[str]) 
     angles = _list_sums(fault, fault.mixing.matrix, q)
     turned = " and ".join(f"{name} is {angle}" for name, angle in zip(names, angles, strict=True))
     columns = " and ".join(q[joint] for joint in fault.joints)
-    return f"{columns} are the angles of two motors that move both joints by a differential ({turned})"
+    return f"{columns} are angles of two motors of a differential or a coupled wrist ({turned})"
 
 
 def describe_mixing_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> str:
-    """Say what the columns of two joints are to be made of, where they are those of the motors of a differential.
+    """Say what the columns of two joints are to be made of, where they are those of coupled motors.
 
     Parameters
     ----------
@@ -335,6 +335,7 @@ def describe_mixing_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str
         f"{columns[joint]} by {value}"
         for columns, matrix in ((q, fault.mixing.matrix), (tau, fault.mixing.of_torques))
         for joint, value in zip(fault.joints, _list_sums(fault, matrix, columns), strict=True)
+        if value != columns[joint]
     ]
     return f"Before the file is read, replace {', '.join(formulas)}, and velocities as positions."
 
@@ -346,6 +347,7 @@ def _list_sums(fault: ColumnFault, matrix: FloatArray, columns: Sequence[str]) -
         terms = [
             ("-" if factor < 0 else "+", "" if abs(factor) == 1.0 else f"{abs(factor):g} ", columns[joint])
             for factor, joint in zip(row, fault.joints, strict=True)
+            if factor
         ]
         text = " ".join(f"{sign} {size}{column}" for sign, size, column in terms)
         sums.append(text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith("- ") else text.removeprefix("+ "))
