@@ -279,7 +279,10 @@ def test_columns_of_joints_that_are_locked_are_counted_with_the_others(locked: i
     tau = pinocchio_torque(ROBOT, q, dq, ddq) + 4.0 * np.sign(dq) + 3.0 * dq
     names = ["t", *(f"{signal}{k + 1}" for signal in ("position", "effort") for k in range(6))]
     tau += np.random.default_rng(4).normal(0.0, 0.3, tau.shape)
-    proposal = propose(Sample(tuple(names), np.column_stack([motion.t, q, tau]), {}), robot)
+    recorded = Sample(tuple(names), np.column_stack([motion.t, q, tau]), {})
+    (still,) = (guess for guess in propose(recorded, ROBOT).guesses if guess.field == "robot")
+    assert [remedy.value for remedy in still.remedies] == [{name: 0.0}]
+    proposal = propose(recorded, robot)
     assert proposal.questions == ()
     kept = [k + 1 for k in range(6) if k != locked]
     assert [proposal.columns[f"q{k + 1}"] for k in range(5)] == [f"position{k}" for k in kept]

@@ -68,6 +68,7 @@ from dynident.identification.column_inference.unnamed_columns import (
     hold_same_values,
 )
 from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.joint_phases import STANDS
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
@@ -116,8 +117,7 @@ class _ColumnInference(WorkingProposal):
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         times = [index for index, name in enumerate(self.column_names) if name.signal == "t"]
         whole = drop_empty_rows(self.sample, times)
-        self.sample = mask_outliers(whole, times)
-        sample = self.sample
+        sample = self.sample = mask_outliers(whole, times)
         self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
         kind: EffortKind = "unknown"
@@ -179,6 +179,7 @@ class _ColumnInference(WorkingProposal):
         if q is not None:
             rows = replace(self.sample, values=restore_masked(self.sample.values, whole.values)[good])
             q, self.fits, put_right = self.condition_rows(self.fits, rows, position, effort, q)
+            self._report_still_joints(q)
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
             self.guesses += put_right
@@ -340,6 +341,14 @@ class _ColumnInference(WorkingProposal):
             if mixed or index == 0:
                 self.take_unit(f"q{index + 1}" if mixed else "q", guess, "m" if joint.kind == "prismatic" else "rad")
         return q
+
+    def _report_still_joints(self, q: FloatArray) -> None:
+        """Say which joints stand still: a fit of this recording alone needs them locked."""
+        still = {self.robot.joint_names[k]: float(q[:, k].mean()) for k in np.flatnonzero(np.ptp(q, axis=0) <= STANDS)}
+        if 0 < len(still) < self.robot.n:
+            lock = Remedy("locked_joints", {name: float(f"{place:.4g}") for name, place in still.items()})
+            reason = f"it does not move in these rows: if no other recording moves it, {lock}"
+            self.add_guess("robot", f"{', '.join(still)} at rest", 0.9, reason, (lock,))
 
     def _guess_rates(self, groups: list[ColumnGroup], position: ColumnGroup, q: FloatArray) -> None:
         """Take velocities that are the slope of the positions, and report those that are not."""
