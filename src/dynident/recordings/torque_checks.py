@@ -127,7 +127,7 @@ def _check_saturation(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
-    found: list[tuple[float, Check]] = []
+    plateaus: list[tuple[float, Check]] = []
     run = max(RUN, round(SHORTEST * recording.sampling_rate))
     for joint in range(layout.n_base, tau.shape[1]):
         flat = _mark_plateaus(tau[:, joint], run)
@@ -153,10 +153,10 @@ def _check_saturation(
                 _exclude_plateaus(flat, t),
                 remedies=brake,
             )
-            found.append((share, check))
-    if not found:
+            plateaus.append((share, check))
+    if not plateaus:
         return Check("saturation", "ok", "No torque stays at its extreme value.")
-    (_, worst), *others = sorted(found, key=lambda pair: -pair[0])
+    (_, worst), *others = sorted(plateaus, key=lambda pair: -pair[0])
     also = ", ".join(f"{check.column} in {format_percent(share, 2)}" for share, check in others)
     return replace(worst, detail=f"{worst.detail} So do {also} of the rows.") if also else worst
 
