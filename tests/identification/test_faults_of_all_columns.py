@@ -243,6 +243,22 @@ def test_a_joint_that_was_not_homed_is_named_with_the_angle_that_it_reads_too_mu
     assert check.apply.zeros == {f"q{joint}": pytest.approx(off, abs=0.03)}
 
 
+@pytest.mark.parametrize(("seed", "joint", "quarters"), [(1, 2, 1), (2, 2, -1), (3, 3, 1), (4, 3, 2)])
+def test_a_link_in_another_pose_than_described_has_two_zeros_elsewhere(seed: int, joint: int, quarters: int) -> None:
+    """Its own joint and the next one, about a parallel axis, are off by as much in opposite directions."""
+    motion, tau = measured(seed)
+    off = 0.5 * np.pi * quarters * (np.eye(6)[joint - 1] - np.eye(6)[joint])
+    (check,) = findings(record(ROBOT, replace(motion, q=motion.q + off), tau))
+    assert (check.name, check.status) == ("joint_zero", "warning")
+    assert check.apply is not None
+    angles = {key: np.exp(1j * zero) for key, zero in check.apply.zeros.items()}
+    assert angles == {
+        f"q{joint}": pytest.approx(np.exp(0.5j * np.pi * quarters)),
+        f"q{joint + 1}": pytest.approx(np.exp(-0.5j * np.pi * quarters)),
+    }
+    assert "or turn the link between them" in check.detail
+
+
 @pytest.mark.parametrize(("seed", "off"), [(3, 0.5 * np.pi), (4, -1.2)])
 def test_another_zero_of_the_last_joint_is_named_beside_a_load_on_its_link(seed: int, off: float) -> None:
     inertias = ROBOT.inertias.copy()
@@ -330,6 +346,20 @@ def test_a_wrist_that_is_logged_at_the_motors_of_its_differential_is_told_with_w
     assert (check.name, check.status, check.apply) == ("joint_coupling", "error", None)
     size = "" if scale == 1.0 else "0.5 "
     assert f"replace q5 by {'-' if first < 0 else ''}{size}q5 + {size}q6" in check.detail
+
+
+@pytest.mark.parametrize(("seed", "sign"), [(6, 1.0), (7, -1.0)])
+def test_a_wrist_whose_last_motor_drives_through_the_gears_before_is_told_with_what_to_compute(
+    seed: int, sign: float
+) -> None:
+    motion, tau = measured(seed)
+    q, at_motors = motion.q.copy(), tau.copy()
+    q[:, 5] += sign * q[:, 4]
+    at_motors[:, 4] -= sign * tau[:, 5]
+    (check,) = findings(record(ROBOT, replace(motion, q=q), at_motors))
+    assert (check.name, check.status, check.apply) == ("joint_coupling", "error", None)
+    minus, plus = ("-", "+") if sign > 0 else ("", "-")
+    assert f"replace q6 by {minus}q5 + q6, tau5 by tau5 {plus} tau6, and velocities" in check.detail
 
 
 def test_a_mirrored_joint_of_a_pendulum_is_told_by_its_masses() -> None:

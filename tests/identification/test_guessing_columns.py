@@ -14,6 +14,7 @@ from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Proposal
 from dynident.identification.column_inference.torque_or_current import CANNOT_TELL
+from dynident.robot.description_and_json import robot_from_description
 
 ROBOT = arm("ur10")
 GAINS = (15.0, 13.0, 11.0, 10.6, 11.0, 11.5)
@@ -267,3 +268,22 @@ def test_velocities_of_joints_that_turn_and_slide_are_taken() -> None:
     assert "dq3" not in proposal.columns
     reasons = [one.reason for one in proposal.guesses if one.reason.startswith("not used")]
     assert reasons == ["not used: its unit is not known"]
+
+
+@pytest.mark.parametrize("locked", [0, 2, 5])
+def test_columns_of_joints_that_are_locked_are_counted_with_the_others(locked: int) -> None:
+    name = ROBOT.joint_names[locked]
+    robot = robot_from_description(ROBOT.name, ROBOT.description, locked_joints={name: 0.0})
+    motion = fourier_motion(ROBOT, 20.0, 100.0, 4)
+    q, dq, ddq = (np.where(np.arange(6) == locked, 0.0, signal) for signal in (motion.q, motion.dq, motion.ddq))
+    tau = pinocchio_torque(ROBOT, q, dq, ddq) + 4.0 * np.sign(dq) + 3.0 * dq
+    names = ["t", *(f"{signal}{k + 1}" for signal in ("position", "effort") for k in range(6))]
+    tau += np.random.default_rng(4).normal(0.0, 0.3, tau.shape)
+    recorded = Sample(tuple(names), np.column_stack([motion.t, q, tau]), {})
+    (still,) = (guess for guess in propose(recorded, ROBOT).guesses if guess.field == "robot")
+    assert [remedy.value for remedy in still.remedies] == [{name: 0.0}]
+    proposal = propose(recorded, robot)
+    assert proposal.questions == ()
+    kept = [k + 1 for k in range(6) if k != locked]
+    assert [proposal.columns[f"q{k + 1}"] for k in range(5)] == [f"position{k}" for k in kept]
+    assert [proposal.columns[f"tau{k + 1}"] for k in range(5)] == [f"effort{k}" for k in kept]

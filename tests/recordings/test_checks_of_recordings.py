@@ -261,6 +261,15 @@ def test_saturated_torque_is_named_with_its_first_row(tmp_path, share, status):
         assert abs(check.row - first) < 20
 
 
+def test_all_torques_that_saturate_are_named(tmp_path):
+    columns = motion()
+    for name, share in (("tau1", 0.97), ("tau2", 0.93), ("tau3", 0.9)):
+        columns[name] = np.minimum(columns[name], np.quantile(columns[name], share))
+    check = found(tmp_path, columns, "saturation")
+    assert (check.status, check.column) == ("warning", "tau3")
+    assert re.search(r"So do tau2 in 6\.9.%, tau1 in 2\.9.% of the rows\.$", check.detail)
+
+
 def test_the_torque_behind_a_brake_is_named_without_the_coordinates_of_the_base():
     t = np.arange(1000) * 0.01
     q, tau = np.cumsum(np.ones((1000, 8)), axis=0), np.zeros((1000, 8))

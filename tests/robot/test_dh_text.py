@@ -64,9 +64,12 @@ def test_a_classical_table_places_the_joints_as_denavit_and_hartenberg_do() -> N
     [
         "alpha_{i-1}, a_{i-1}, d, theta\n0, 0, 0.333, q1\n-90°, 0.1, 0, q2 - 90 deg\n0, 0.2, q3 + 0.05, 0",
         "modified\ntheta d a alpha\nq1 0.333 0 0\nq2-pi/2 0 0.1 -pi/2\n0 q3+0.05 0.2 0",
+        "i | alpha_(i-1) [deg] | a_(i-1) [mm] | d_i [cm] | theta_i [deg]\n1 | 0 | 0 | 33.3 | q1\n"
+        "2 | -90 | 100 | 0 | q2 - 90\n3 | 0 | 200 | q3 + 5 | 0",
+        "modified\nalpha [deg]  a [mm]  d [mm]  theta [deg]\n0  0  333  q1\n-90  100  0  q2 - 90\n0  200  q3 + 50  0",
         "alpha[deg]; d; theta[deg]; r\n0; 0; q1; 0.333\n-90; 0.1; q2 - 90; 0\n0; 0.2; 0; q3 + 0.05",
     ],
-    ids=["craig", "columns in another order", "khalil"],
+    ids=["craig", "columns in another order", "units", "units apart", "khalil"],
 )
 def test_a_modified_table_is_read_in_every_common_notation(text: str) -> None:
     q = np.array([0.3, -0.7, 0.2])

@@ -495,6 +495,25 @@ def folders_of_yarp(folder: Path, run: Recorded) -> Path:
     return Path("+".join(map(str, paths)))
 
 
+def names_but_for_units(folder: Path, run: Recorded) -> Path:
+    """Only the unit in the name says which columns are positions, velocities and torques."""
+    units = [("m", "m/s", "N") if slides else ("rad", "rad/s", "N m") for slides in run.slides]
+    header = [f"Axis {k + 1} [{unit}]" for signal in range(3) for k, unit in enumerate(own[signal] for own in units)]
+    columns = [[number(t) for t in run.t], *cells(np.column_stack([run.q, run.dq, run.tau]))]
+    return written(folder / "units.csv", table(["Time [s]", *header], columns))
+
+
+def interfaces_of_joints(folder: Path, run: Recorded) -> Path:
+    """Flattened messages of ros2_control: a list of joints, and a list of effort, position and velocity of each."""
+    run, m = run.shuffled(), len(run.t)
+    header, columns = ["__time"], [[number(t) for t in run.t]]
+    for k, joint in enumerate(run.joints):
+        header += [f"/states/interface_values[{k}]/values[{place}]" for place in range(3)]
+        header += [f"/states/joint_names[{k}]"]
+        columns += [*cells(np.column_stack([run.tau[:, k], run.q[:, k], run.dq[:, k]])), [joint] * m]
+    return written(folder / "interfaces.csv", table(header, columns))
+
+
 CONTROLLER_LOGS: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -507,7 +526,7 @@ CONTROLLER_LOGS: dict[str, Layout] = {
         first_joints_in_degrees, feather, signals_a_row, arrays_with_names, names_in_hdf5, durations, short_years,
         rows_of_separators, accounting_brackets, minus_behind, chinese, motors_beside_links,
         japanese, chinese_of_windows, russian_of_windows, without_names_but_with_accelerations, gripper_behind,
-        cells_of_matlab, pages_of_hdf5, folders_of_yarp,
+        cells_of_matlab, pages_of_hdf5, folders_of_yarp, names_but_for_units, interfaces_of_joints,
     )
 }  # fmt: skip
 INTERPOLATED = frozenset({"scope_of_two_rates"})

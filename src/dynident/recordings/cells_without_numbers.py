@@ -141,6 +141,7 @@ def _flatten_names(names: Any) -> list[str]:
 
 
 _COUNTED = re.compile(r"^(?P<stem>.*?)[_.\[/ ]*(?P<number>\d+)\]?$")
+_INDEX_WITHIN = re.compile(r"^(?P<stem>[^\[]+)\[(?P<number>\d+)\](?P<behind>[^\[]+\[\d+\])$")
 _OF_NAMES = re.compile(r"^(?P<prefix>(?:.*?[^A-Za-z])??)(?:joint[_ ]?names?|names?|joints?|motors?)$", re.IGNORECASE)
 _OF_IDS = re.compile(
     r"(?:^|[^a-z])(?:id|(?:motor|joint|axis|servo|can|node)[_ ]?(?:id|index|number|nr)?)$", re.IGNORECASE
@@ -361,11 +362,12 @@ def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -
         # A name that is empty or stands twice in one row does not tell whose numbers are whose.
         if kind is None or any(len({word for word in row if word}) < len(columns) for row in rows):
             continue
-        signals = {
-            other: tuple(places.values())
-            for other, places in numbers.items()
-            if other.startswith(kind["prefix"]) and places.keys() == columns.keys()
-        }
+        signals: dict[str, tuple[str, ...]] = {}
+        for other, places in numbers.items():
+            # Of two numbers that may count the joints the first one does.
+            is_free = not {*chain(*signals.values())} & {*places.values()}
+            if other.startswith(kind["prefix"]) and places.keys() == columns.keys() and is_free:
+                signals[other] = tuple(places.values())
         joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
         if signals and len(joints) <= _MOST_JOINTS:
             tables.append(_NamedTable(tuple((column,) for column in columns.values()), joints, signals))
@@ -479,12 +481,13 @@ def _find_joint_ids(source: FileSource) -> dict[str, tuple[str, ...]]:
 
 
 def _group_by_stem(names: Sequence[str] | Mapping[str, object]) -> dict[str, dict[int, str]]:
-    """Return columns whose names differ only by a number at the end: by what stands before it, and the number."""
+    """Return columns whose names differ by a number at the end, or an index within (joint[2]/value[0]): by the rest."""
     families: dict[str, dict[int, str]] = {}
     for name in names:
-        match = _COUNTED.match(name)
-        if match is not None and match["stem"]:
-            families.setdefault(match["stem"], {})[int(match["number"])] = name
+        inner, last = _INDEX_WITHIN.match(name), _COUNTED.match(name)
+        for match, behind in ((inner, inner["behind"] if inner else ""), (last, "")):
+            if match is not None and match["stem"]:
+                families.setdefault(match["stem"] + behind, {})[int(match["number"])] = name
     return {
         stem: dict(sorted(places.items()))
         for stem, places in families.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -15,7 +16,7 @@ from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
-from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision, Status
+from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision
 from dynident.recordings.units import format_time
 
 SATURATED = 5e-3
@@ -30,6 +31,8 @@ friction cuts one side off. A torque that is cut off comes there at its own spee
 
 STANDS = 0.1
 """Share of its range that a joint may move behind a brake, which gives a little."""
+
+_SATURATES = "the drive, or the log, saturates there. Move more slowly, with less payload, or choose other windows."
 
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
@@ -124,8 +127,7 @@ def _check_saturation(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
-    worst: Check | None = None
-    most = 0.0
+    plateaus: list[tuple[float, Check]] = []
     run = max(RUN, round(SHORTEST * recording.sampling_rate))
     for joint in range(layout.n_base, tau.shape[1]):
         flat = _mark_plateaus(tau[:, joint], run)
@@ -135,19 +137,13 @@ def _check_saturation(
             # A convolution with ones counts the neighbours at the limit: single rows are no plateau.
             flat |= at_limit & (np.convolve(at_limit, np.ones(run), "same") >= run)
         share = float(flat.mean())
-        if share > most and flat.sum() >= run:
-            most = share
+        if flat.sum() >= run:
             first = int(np.flatnonzero(flat)[0])
-            status: Status = "error" if share > 0.2 else "warning"
-            why = (
-                "the drive, or the log, saturates there. Move more slowly or with less payload, or choose windows "
-                "without saturation."
-            )
             brake = _find_brake(joint, flat, sample, layout)
-            why = _describe_brake(brake) if brake else why
-            worst = Check(
+            why = _describe_brake(brake) if brake else _SATURATES
+            check = Check(
                 "saturation",
-                status,
+                "error" if share > 0.2 else "warning",
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
                 f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {format_time(t[first])} "
                 f"s): {why}",
@@ -157,7 +153,12 @@ def _check_saturation(
                 _exclude_plateaus(flat, t),
                 remedies=brake,
             )
-    return worst or Check("saturation", "ok", "No torque stays at its extreme value.")
+            plateaus.append((share, check))
+    if not plateaus:
+        return Check("saturation", "ok", "No torque stays at its extreme value.")
+    (_, worst), *others = sorted(plateaus, key=lambda pair: -pair[0])
+    also = ", ".join(f"{check.column} in {format_percent(share, 2)}" for share, check in others)
+    return replace(worst, detail=f"{worst.detail} So do {also} of the rows.") if also else worst
 
 
 def _find_brake(joint: int, flat: BoolArray, sample: RawSample, layout: Layout) -> tuple[Remedy, ...]:

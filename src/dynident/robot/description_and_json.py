@@ -106,6 +106,26 @@ def robot_from_description(
     return replace(robot, has=tuple(has), has_not=tuple(has_not))
 
 
+def list_described_joints(robot: Robot) -> list[str]:
+    """Return the names of all joints that a robot's description has, those that are locked included.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    list of str
+        Those of the robot alone where its description cannot be read without locking the others.
+    """
+    try:
+        whole = robot_from_description(robot.name, robot.description) if robot.locked_joints else robot
+    except DynidentError:
+        whole = robot
+    return list(whole.joint_names)
+
+
 def set_base(robot: Robot, base: BaseKind | None = None, contacts: Sequence[str] = ()) -> Robot:
     """Return a robot whose root link moves in another way; it is read anew, and what was stated of it stays.
 

@@ -11,7 +11,8 @@ The first line says the convention and the columns; the others are a joint each:
 Columns stand in any order and are separated by spaces, tabs, commas, semicolons or bars; lines that start with # or %
 are comments, and may say the convention too. The joint variable (q2, θ2, *) in theta or d tells revolute from
 prismatic; what stands beside it is constant. A column without one is a constant; theta is the variable where there
-is none. Angles are in radians, or in degrees where the column says so (`alpha[deg]`) or a number has °.
+is none. Angles are in radians, or in degrees where the column says so (`alpha[deg]`) or a number has °; lengths are in
+metres, or in the unit that the column states (`a[mm]`).
 
 classical (standard, distal): T = Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), of Denavit and Hartenberg (1955).
 modified (Craig, proximal): T = Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d), with α and a of index j - 1 in row j.
@@ -53,6 +54,9 @@ _LABELS = {"joint", "link", "i", "j", "name", "axis", "row", "no", "nr"}
 # The joint variable as papers write it, with its sign: q2, θ_2, q_{2}, d3, or a star.
 _VARIABLE = re.compile(r"(?:[+-]\s*)?(?:q|θ|theta|d|r|t)_?\{?(?:\d+|i|j)\}?\*?|(?:[+-]\s*)?[*]")
 _COMMENT = ("#", "%", "//")
+_TO_SI = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "mm": 1e-3, "cm": 1e-2}
+_UNIT = re.compile(r"deg|°|(?<![a-zα])[mc]m(?![a-z])")
+_UNIT_APART = re.compile(r" (?=[\[(](?:rad|deg|°|m|mm|cm)\w*[\])])")
 
 
 class PastedRow(TypedDict):
@@ -157,7 +161,7 @@ def parse_dh_table(text: str, pointer: str = "") -> PastedTable:
     head = next((line for line in lines if _is_header(line)), None)
     if head is None:
         raise _make_error("the table has no line with column names, such as: a alpha d theta.", None, pointer)
-    places, degrees, implied = _find_columns(head, pointer)
+    places, factors, implied = _find_columns(head, pointer)
     convention = convention or implied
     if convention is None:
         raise _make_error(
@@ -173,7 +177,7 @@ def parse_dh_table(text: str, pointer: str = "") -> PastedTable:
     rows = [line for line in lines if line.number > head.number]
     if not rows:
         raise _make_error("the table has no rows.", head.number, pointer)
-    read = [_read_row(line, places, degrees, length, offset, pointer) for line in rows]
+    read = [_read_row(line, places, factors, length, offset, pointer) for line in rows]
     if convention == "classical":
         # The classical transform ends with Trans(x, a) Rot(x, α), the modified one begins with them: moving a and α one
         # row down turns one into the other. The last row's move the tool alone and no joint, so they are dropped.
@@ -209,8 +213,8 @@ def _split_cells(line: str) -> tuple[str, ...]:
     for separator in ("|", ";", "\t", ","):
         if separator in line.strip("|"):
             return tuple(cell.strip() for cell in line.strip().strip("|").split(separator))
-    # Signs between spaces belong to the cell: q2 - pi/2.
-    joined = re.sub(r" ?([+*/-]) ", r"\1", " ".join(line.split()))
+    # Signs between spaces belong to the cell, and so do units in brackets: q2 - pi/2, a [mm].
+    joined = _UNIT_APART.sub("", re.sub(r" ?([+*/-]) ", r"\1", " ".join(line.split())))
     return tuple(joined.split())
 
 
@@ -219,38 +223,37 @@ def _is_header(line: _Line) -> bool:
     return sum(_parse_column_name(cell)[0] is not None for cell in line.cells) >= 3
 
 
-def _parse_column_name(cell: str) -> tuple[str | None, bool, bool]:
-    """Return the column that a cell of the head names, whether it is in degrees, and whether its index is j - 1."""
+def _parse_column_name(cell: str) -> tuple[str | None, float, bool]:
+    """Return the column that a cell of the head names, the factor to rad or m, and whether its index is j - 1."""
     plain = cell.casefold().strip(" $\\")
-    degrees = bool(re.search(r"deg|°", plain))
+    unit = _UNIT.search(plain)
+    factor = 1.0 if unit is None else _TO_SI[unit[0]]
     before = bool(re.search(r"[ij]\s*[-−]\s*1", plain))
     word = re.match(r"[a-zαθ]+", re.sub(r"\\", "", plain))
-    return (_COLUMNS.get(word[0]) if word else None), degrees, before
+    return (_COLUMNS.get(word[0]) if word else None), factor, before
 
 
-def _find_columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Convention | None]:
+def _find_columns(head: _Line, pointer: str) -> tuple[dict[str, int], dict[str, float], Convention | None]:
     places: dict[str, int] = {}
-    degrees: set[str] = set()
+    factors: dict[str, float] = {}
     implied: Convention | None = None
     for place, cell in enumerate(head.cells):
-        column, in_degrees, before = _parse_column_name(cell)
+        column, factor, before = _parse_column_name(cell)
         if column is None:
             continue
         if column in places:
             raise _make_error(f"the column {column} occurs twice.", head.number, pointer)
-        places[column] = place
-        if in_degrees:
-            degrees.add(column)
+        places[column], factors[column] = place, factor
         # Only the modified convention writes a and α with the index j - 1, only Khalil's has r and no a.
         if before and column in ("a", "alpha"):
             implied = "modified"
     if "r" in places and "a" not in places:
         implied = "khalil"
-    return places, degrees, implied
+    return places, factors, implied
 
 
 def _read_row(
-    line: _Line, places: Mapping[str, int], degrees: set[str], length: str, offset: str, pointer: str
+    line: _Line, places: Mapping[str, int], factors: Mapping[str, float], length: str, offset: str, pointer: str
 ) -> PastedRow:
     """Return a row in the notation of Khalil and Kleinfinger, with α and d of its own line."""
     if len(line.cells) <= max(places.values()):
@@ -261,7 +264,7 @@ def _read_row(
         )
 
     def read(column: str, *, angle: bool) -> tuple[float, bool]:
-        return _read_cell(line.cells[places[column]], line, column, pointer, degrees=angle and column in degrees)
+        return _read_cell(line, line.cells[places[column]], column, pointer, factor=factors[column], angle=angle)
 
     alpha, _ = read("alpha", angle=True)
     a, _ = read(length, angle=False)
@@ -278,7 +281,7 @@ def _read_row(
     return row if named is None or places.get("theta") == line.cells.index(named) else {"name": named, **row}
 
 
-def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool) -> tuple[float, bool]:
+def _read_cell(line: _Line, cell: str, column: str, pointer: str, *, factor: float, angle: bool) -> tuple[float, bool]:
     """Return the constant of a cell in rad or m, and whether the cell has the joint variable in it."""
     # Cells that were pasted from a PDF or LaTeX have typographic minus signs, dollars and backslashes.
     text = cell.strip().strip("$").replace("−", "-").replace("\\", "").casefold()
@@ -291,7 +294,8 @@ def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bo
                 pointer,
             )
         text = (text[: variable.start()] + text[variable.end() :]).strip()
-    in_degrees = degrees or "°" in text or text.endswith("deg")
+    if angle and ("°" in text or text.endswith("deg")):
+        factor = _TO_SI["deg"]
     text = re.sub(r"\s+|°|deg$", "", text).lstrip("+") or "0"
     # The reader of numbers expects a sign between a factor and π: 2pi becomes 2*pi.
     text = re.sub(r"^(-?)(\d+(?:\.\d*)?)(pi|π)", r"\1\2*\3", text)
@@ -302,13 +306,13 @@ def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bo
             f"{column} is '{cell}'; expected a number, pi/2, 90°, or q2 + pi/2.", line.number, pointer
         ) from error
     # No table has constants beyond a full turn: 90 without a unit means degrees, and guessing would hide the mistake.
-    if not in_degrees and column in ("alpha", "theta") and abs(value) > 2.0 * math.pi + 1e-6:
+    if factor == 1.0 and column in ("alpha", "theta") and abs(value) > 2.0 * math.pi + 1e-6:
         raise _make_error(
             f"{column} is {value:g}, more than one turn in rad: if it is in degrees, name the column {column}[deg].",
             line.number,
             pointer,
         )
-    return (math.radians(value) if in_degrees else value), variable is not None
+    return factor * value, variable is not None
 
 
 def _make_error(detail: str, line: int | None, pointer: str) -> DynidentError:

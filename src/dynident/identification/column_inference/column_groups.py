@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import (
     PENDANTS,
     ColumnName,
@@ -18,27 +17,18 @@ from dynident.identification.column_inference.column_names import (
     list_spellings_by_joint,
     strip_shared_words,
 )
-from dynident.identification.column_inference.metadata_proposal import Question
+from dynident.identification.column_inference.metadata_proposal import Question, ask_to_lock
 from dynident.number_format import format_percent
 from dynident.recordings.position_checks import MOVED
 from dynident.robot import Robot
 
+_Stems = dict[tuple[str, ...], dict[int, int]]
+"""Columns by their names without the joint, and by the joint or its number."""
+_Reasons = dict[tuple[str, ...], str]
 _POSITIONS: tuple[Signal, ...] = ("q",)
 _EFFORTS: tuple[Signal, ...] = ("tau", "current", "effort")
 _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
 """rad or m: a locked joint's position below the first is 0; one above the second is no angle in radians."""
-
-
-def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
-    """Return the columns of joints that a robot of n joints lacks, where all of its own have theirs in `columns`."""
-    if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
-        return []
-    used = set(columns.values())
-    # The time is that of no joint; velocities that are not used have told why.
-    signals = {column.signal for column in named if column.name in used} & {"q", "dq", *_EFFORTS}
-    known = {word for column in named if column.name in used for word in column.words}
-    strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
-    return [column.name for column in strange if not set(column.words) <= known]
 
 
 def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
@@ -47,7 +37,7 @@ def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Questio
     if positions is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
-    return _ask_to_lock(
+    return ask_to_lock(
         f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file",
         dict.fromkeys(names, 0),
     )
@@ -109,7 +99,7 @@ def ask_to_lock_still_joints(robot: Robot, positions: FloatArray, joints: Sequen
     still = [joint for joint in joints if np.ptp(positions[:, joint]) <= MOVED[robot.joints[joint].kind]]
     places = {robot.joint_names[joint]: _find_place(positions[:, joint]) for joint in still}
     verbs = "stand still and have" if len(places) > 1 else "stands still and has"
-    return _ask_to_lock(f"{', '.join(places)} {verbs} no torque", places) if places else None
+    return ask_to_lock(f"{', '.join(places)} {verbs} no torque", places) if places else None
 
 
 def _find_columns_of_most_joints(
@@ -119,11 +109,6 @@ def _find_columns_of_most_joints(
     groups = [group for group in find_incomplete_groups(named, robot.joint_names) if group[0].signal in signals]
     measured = [group for group in groups if group[0].rank < 4]
     return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
-
-
-def _ask_to_lock(why: str, places: Mapping[str, float]) -> Question:
-    remedy = Remedy("locked_joints", places)
-    return Question("robot", f"{why}: lock {'them' if len(places) > 1 else 'it'}, {remedy}.", remedies=(remedy,))
 
 
 def _find_place(position: FloatArray) -> float:
@@ -248,6 +233,7 @@ def group_columns(
     alive: BoolArray | None = None,
     links: Sequence[str] = (),
     clocks: Collection[int] = (),
+    described: Sequence[str] = (),
 ) -> tuple[list[ColumnGroup], list[int], list[int]]:
     """Group columns that differ by the joint alone.
 
@@ -263,6 +249,8 @@ def group_columns(
         Links that the joints move, by joint: some viewers name columns by them.
     clocks : collection of int
         Columns that run forward evenly: counted before the joints they are none.
+    described : sequence of str
+        All joints of the description: those that are locked may be counted in the file.
 
     Returns
     -------
@@ -271,8 +259,7 @@ def group_columns(
     ours = _group_by_own_names(named, joint_names)
     in_ours = {index for group in ours for index in group.columns}
     following: list[int] = []
-    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
-    reasons: dict[tuple[str, ...], str] = {}
+    by_stem, reasons = _Stems(), _Reasons()
     stems_of_parts: set[tuple[str, ...]] = set()
     # Where no column has a whole name, the words that all names begin with may be missing, or be others.
     is_whole = any(_match_joint_name(column.words, joint_names) for column in named)
@@ -294,7 +281,9 @@ def group_columns(
     # Names of all joints or none: a stem that some joints lack, and its columns, are left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
     used = {index for group in by_stem.values() for index in group.values()}
-    numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names), alive, clocks)
+    used = used | in_ours | set(following)
+    joints = [joint_names.index(name) if name in joint_names else None for name in described or joint_names]
+    numbered, why = _group_by_number(named, used, joints, alive, clocks)
     by_stem |= numbered
     reasons |= why
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
@@ -344,8 +333,7 @@ def find_incomplete_groups(
 ) -> list[tuple[ColumnName, dict[int, int]]]:
     """Return the first name and the columns by joint of each signal that most joints have, but not all."""
     n = len(joint_names)
-    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
-    numbered: dict[tuple[str, ...], dict[int, int]] = {}
+    by_stem, numbered = _Stems(), _Stems()
     ours = {f"{kind}_{name}": joint for joint, name in enumerate(joint_names) for kind in ("tau", "q")}
     for index, column in enumerate(named):
         own = ours.get(column.name)
@@ -431,23 +419,18 @@ def _match_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tup
 
 
 def _group_by_number(
-    named: Sequence[ColumnName], used: set[int], n: int, alive: BoolArray | None, clocks: Collection[int]
-) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
-    """Group columns whose names differ by one number that counts all joints, from 0, from 1, or all from another."""
-    stems: dict[tuple[str, ...], dict[int, int]] = {}
-    for index, column in enumerate(named):
-        if index in used:
-            continue
-        for place, word in enumerate(column.words):
-            if word.isdigit():
-                stem = (*column.words[:place], "#", *column.words[place + 1 :])
-                stems.setdefault(stem, {}).setdefault(int(word), index)
-    for members in stems.values():
-        # Files without names begin with counters and times, which are numbered with the joints.
-        counters = [number for number, index in members.items() if index in clocks]
-        if counters and len(members) == n + len(counters):
-            for number in counters:
-                del members[number]
+    named: Sequence[ColumnName],
+    used: set[int],
+    joints: Sequence[int | None],
+    alive: BoolArray | None,
+    clocks: Collection[int],
+) -> tuple[_Stems, _Reasons]:
+    """Group columns whose names differ by one number that counts all joints, from 0, from 1, or all from another.
+
+    `joints` are those of the description: their numbers, None where they are locked.
+    """
+    n = len(joints) - joints.count(None)
+    stems = _list_counted_columns(named, used, n, clocks)
     # What is counted behind the joints and never has a torque, while its position moves, is a gripper.
     idle = {
         number
@@ -455,12 +438,16 @@ def _group_by_number(
         for number, index in members.items()
         if alive is not None and not alive[index] and named[index].signal in _EFFORTS
     }
-    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
-    reasons: dict[tuple[str, ...], str] = {}
+    by_stem, reasons = _Stems(), _Reasons()
     # A name may hold several numbers, and only one of them counts the joints: the one with as many as these first.
     for stem, members in sorted(stems.items(), key=lambda pair: (len(pair[1]) != n, -len(pair[1]))):
         first, last = min(members), max(members)
         if last - first + 1 != len(members) or len(members) < n or used & set(members.values()):
+            continue
+        if n < len(joints) == len(members):
+            by_stem[stem] = {joint: members[first + k] for k, joint in enumerate(joints) if joint is not None}
+            reasons[stem] = f"the joints are counted from {first} in the names, locked ones included"
+            used = used | set(members.values())
             continue
         behind = [index for number, index in members.items() if number >= first + n]
         # As many as joints, or more of which none behind the joints ever has a torque: places of joints it does not
@@ -477,13 +464,27 @@ def _group_by_number(
     return by_stem | pendant, reasons | why
 
 
-def _group_by_pendant_names(
-    named: Sequence[ColumnName], used: set[int], n: int
-) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
-    groups: dict[tuple[str, ...], dict[int, int]] = {}
-    reasons: dict[tuple[str, ...], str] = {}
+def _list_counted_columns(named: Sequence[ColumnName], used: set[int], n: int, clocks: Collection[int]) -> _Stems:
+    """Return columns that belong to no group, by their names but for one number, and by that; no clocks before them."""
+    stems = _Stems()
+    for index, column in enumerate(named):
+        for place, word in enumerate(column.words if index not in used else ()):
+            if word.isdigit():
+                stem = (*column.words[:place], "#", *column.words[place + 1 :])
+                stems.setdefault(stem, {}).setdefault(int(word), index)
+    for members in stems.values():
+        # Files without names begin with counters and times, which are numbered with the joints.
+        counters = [number for number, index in members.items() if index in clocks]
+        if counters and len(members) == n + len(counters):
+            for number in counters:
+                del members[number]
+    return stems
+
+
+def _group_by_pendant_names(named: Sequence[ColumnName], used: set[int], n: int) -> tuple[_Stems, _Reasons]:
+    groups, reasons = _Stems(), _Reasons()
     for pendant, shown in PENDANTS:
-        stems: dict[tuple[str, ...], dict[int, int]] = {}
+        stems = _Stems()
         for index, column in enumerate(named):
             if index in used or len(pendant) != n:
                 continue

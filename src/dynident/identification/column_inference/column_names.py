@@ -79,6 +79,8 @@ _SUFFIXES = _split_words(
     "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm um rpm nm mnm knm ncm a ma s sec ms us ns permille "
     "promille percent pct prozent degc"
 )
+_SLIDING: tuple[Signal, ...] = ("q", "dq", "ddq", "tau")
+_SIGNALS_OF_SLIDING = {unit: signal for signal in _SLIDING for unit in FACTORS[signal, "prismatic"]}
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
           ("turns", "s"): "rev/s",
           ("degs", ""): "deg/s", ("rads", ""): "rad/s", ("mn", "m"): "mN m", ("n", "m"): "N m"}  # fmt: skip
@@ -228,6 +230,7 @@ def read_names(
         if name in stated:
             column = replace(read_name(stated[name], column.unit or "", spellings), stated=True)
         columns.append(replace(column, name=name))
+    columns = _tell_apart_by_unit(columns)
     others = {column.name for column in (*_find_waves(columns), *_find_pose(columns, spellings))}
     # One time is enough: beside it t1, t2, … are counted as joints are, and may be torques.
     is_timed = any(column.signal == "t" and not column.numbers for column in columns)
@@ -237,6 +240,20 @@ def read_names(
         if column.name in others or column.name in counted
         else column
         for column in columns
+    ]
+
+
+def _tell_apart_by_unit(columns: Sequence[ColumnName]) -> list[ColumnName]:
+    """Return the columns, with the signal as a further word of those whose names differ by their units alone: j1_Nm."""
+    of_units = [get_signal_of_unit(column.unit) or _SIGNALS_OF_SLIDING.get(column.unit or "") for column in columns]
+    signals: dict[tuple[str, ...], set[Signal | None]] = {}
+    for column, signal in zip(columns, of_units, strict=True):
+        signals.setdefault(column.words, set()).add(signal)
+    return [
+        replace(column, words=(*column.words, signal), signal=signal)
+        if column.signal is None and signal is not None and len(signals[column.words]) > 1
+        else column
+        for column, signal in zip(columns, of_units, strict=True)
     ]
 
 

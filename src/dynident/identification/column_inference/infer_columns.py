@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +15,11 @@ from dynident.identification.column_inference.column_groups import (
     ColumnGroup,
     ask_for_missing_joints,
     ask_to_lock_still_joints,
-    find_columns_of_other_joints,
     find_torque_of_most_joints,
     group_columns,
     group_few_joints,
 )
-from dynident.identification.column_inference.column_names import describe_further_joints, describe_waves
+from dynident.identification.column_inference.column_names import ColumnName, describe_further_joints, describe_waves
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
     Clock,
@@ -68,10 +68,11 @@ from dynident.identification.column_inference.unnamed_columns import (
     hold_same_values,
 )
 from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.joint_phases import STANDS
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.units import MOMENTS, find_conversion
 from dynident.robot import Robot
-from dynident.robot.description_and_json import set_base
+from dynident.robot.description_and_json import list_described_joints, set_base
 from dynident.robot.pseudo_inertia import find_description_units
 
 _FEWEST_ROWS = 3
@@ -116,8 +117,7 @@ class _ColumnInference(WorkingProposal):
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         times = [index for index, name in enumerate(self.column_names) if name.signal == "t"]
         whole = drop_empty_rows(self.sample, times)
-        self.sample = mask_outliers(whole, times)
-        sample = self.sample
+        sample = self.sample = mask_outliers(whole, times)
         self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
         kind: EffortKind = "unknown"
@@ -151,7 +151,8 @@ class _ColumnInference(WorkingProposal):
         links = [joint.link for joint in self.robot.joints]
         running = set(find_clock_columns(self.values))
         clocks = [place for place, index in enumerate(places) if index in running]
-        local, rest, following = group_columns(others, self.robot.joint_names, names, self.alive[places], links, clocks)
+        alive, described = self.alive[places], list_described_joints(self.robot)
+        local, rest, following = group_columns(others, self.robot.joint_names, names, alive, links, clocks, described)
         if following:
             unused = ", ".join(others[index].name for index in following)
             self.add_guess("columns", unused, 0.9, "not used: of passive joints, which follow from the driven joints")
@@ -178,6 +179,7 @@ class _ColumnInference(WorkingProposal):
         if q is not None:
             rows = replace(self.sample, values=restore_masked(self.sample.values, whole.values)[good])
             q, self.fits, put_right = self.condition_rows(self.fits, rows, position, effort, q)
+            self._report_still_joints(q)
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
             self.guesses += put_right
@@ -188,7 +190,7 @@ class _ColumnInference(WorkingProposal):
             add_base_columns(self, self.moving_base)
         drop_dependent_questions(self)
         self._ask_about_guessed_time()
-        if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
+        if strangers := _find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
@@ -340,6 +342,14 @@ class _ColumnInference(WorkingProposal):
                 self.take_unit(f"q{index + 1}" if mixed else "q", guess, "m" if joint.kind == "prismatic" else "rad")
         return q
 
+    def _report_still_joints(self, q: FloatArray) -> None:
+        """Say which joints stand still: a fit of this recording alone needs them locked."""
+        still = {self.robot.joint_names[k]: float(q[:, k].mean()) for k in np.flatnonzero(np.ptp(q, axis=0) <= STANDS)}
+        if 0 < len(still) < self.robot.n:
+            lock = Remedy("locked_joints", {name: float(f"{place:.4g}") for name, place in still.items()})
+            reason = f"it does not move in these rows: if no other recording moves it, {lock}"
+            self.add_guess("robot", f"{', '.join(still)} at rest", 0.9, reason, (lock,))
+
     def _guess_rates(self, groups: list[ColumnGroup], position: ColumnGroup, q: FloatArray) -> None:
         """Take velocities that are the slope of the positions, and report those that are not."""
         candidates = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
@@ -436,8 +446,9 @@ class _ColumnInference(WorkingProposal):
             return
         name, remedy = self.sample.names[self.clock.column], Remedy("rate")
         detail = (
-            f"In which unit is {name}? In {self.clock.unit} the rows would come at {self.clock.rate:.4g} Hz, and these "
-            f"torques would not fit the motion. If {name} counts ticks of a clock, state the rows' rate: {remedy}."
+            f"In which unit is {name}? In {self.clock.unit} the rows come at {self.clock.rate:.4g} Hz; if that is "
+            f"wrong, so is what the torques seem to be in. If {name} counts ticks of a clock, state the rows' rate: "
+            f"{remedy}."
         )
         self.questions.insert(0, Question("units/t", detail, ("s", "ms", "us", "ns"), remedies=(remedy,)))
 
@@ -464,6 +475,18 @@ class _ColumnInference(WorkingProposal):
                 if question.field not in replaced or (question.field == "effort_kind" and not question.choices)
             ]
         self.questions += questions
+
+
+def _find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
+    """Return the columns of joints that a robot of n joints lacks, where all of its own have theirs in `columns`."""
+    if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
+        return []
+    used = set(columns.values())
+    # The time is that of no joint; velocities that are not used have told why.
+    signals = {column.signal for column in named if column.name in used} & {"q", "dq", "tau", "current", "effort"}
+    known = {word for column in named if column.name in used for word in column.words}
+    strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
+    return [column.name for column in strange if not set(column.words) <= known]
 
 
 def _read_kind(effort: ColumnGroup) -> EffortKind:

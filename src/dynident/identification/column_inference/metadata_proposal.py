@@ -122,3 +122,17 @@ class Proposal:
     def is_sure(self) -> bool:
         """Whether the proposal can be used as it is."""
         return not self.questions
+
+
+def ask_to_lock(why: str, places: Mapping[str, float]) -> Question:
+    """Ask to lock joints at their places (rad, m).
+
+    Parameters
+    ----------
+    why : str
+        What says that they do not move, as a clause.
+    places : mapping of str to float
+        By joint.
+    """
+    remedy = Remedy("locked_joints", places)
+    return Question("robot", f"{why}: lock {'them' if len(places) > 1 else 'it'}, {remedy}.", remedies=(remedy,))

@@ -185,14 +185,14 @@ FaultKind = Literal[
 
 @dataclass(frozen=True)
 class Mixing:
-    """How a differential makes the positions of two joints of those of its two motors.
+    """How gears make the positions of two joints of those of their two motors.
 
     Parameters
     ----------
     scale : float
         Factor of all entries of the matrix.
     signs : (4,) tuple of int
-        Signs of its entries, row by row.
+        Its entries, row by row: 1, -1 or 0.
     """
 
     scale: float
@@ -228,9 +228,9 @@ MIXINGS = tuple(
     for rows in ((_SUM, _DIFFERENCE), (_DIFFERENCE, _SUM))
     for signs in product((1, -1), repeat=2)
     for scale in (0.5, 1.0)
-)
-"""Angles of two joints, as a differential makes them of those of its two motors: half their sum and half their
-difference, or both whole where the gear ratio counts for each motor."""
+) + tuple(Mixing(1.0, (1, 0, sign, 1)) for sign in (1, -1))
+"""Angles of two joints by those of their motors: of a differential half their sum and half their difference, or both
+whole where the gear ratio counts for each; of a coupled wrist, the second more or less by the first."""
 
 ZEROS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
 """rad that conventions of a joint's zero differ by: stretched out or upright, Denavit-Hartenberg or the maker's."""
@@ -277,10 +277,9 @@ class ColumnFault:
         and 1 with 4; unless `sources` are given.
     factor : float
         It mends torques that are scaled. Of two joints that are coupled, the first is counted from the second: its
-        position is that of the column less `factor` times the second's. Of a joint whose zero is elsewhere, the angle
-        in rad that its column has too much.
+        position is that of the column less `factor` times the second's. Of joints with other zeros, see `zeros`.
     mixing : Mixing, optional
-        How a differential makes the positions of two joints of those of its motors, which the columns are.
+        How gears make the positions of two joints of those of their motors, which the columns are.
     sources : tuple of int
         Of joints whose columns go round in a ring, the joint in whose place each joint's columns stand.
     """
@@ -295,6 +294,11 @@ class ColumnFault:
     def own_joints(self) -> tuple[int, ...]:
         """Joints whose columns are wrong: of two that are coupled, the one that is counted from the other."""
         return self.joints[:1] if self.kind == "joint coupled" else self.joints
+
+    @property
+    def zeros(self) -> dict[int, float]:
+        """Angles in rad that the columns of joints have too much; of two the second has as much too little."""
+        return dict(zip(self.joints, (self.factor, -self.factor), strict=False))
 
     @property
     def is_swap(self) -> bool:
@@ -343,14 +347,13 @@ class ColumnFault:
             sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
         if self.mixing is not None:
-            to_joints = self.mixing.matrix
-            parts = [(signal, to_joints) for signal in (q, dq, ddq)] + [(tau, self.mixing.of_torques)]
+            parts = [(signal, self.mixing.matrix) for signal in (q, dq, ddq)] + [(tau, self.mixing.of_torques)]
             q, dq, ddq, tau = (_multiply_columns(signal, self.joints, matrix) for signal, matrix in parts)
             return Motion(q, dq, ddq, tau, motion.block, motion.t)
         if self.kind == "joint coupled":
             q, dq, ddq = (_uncouple(signal, self) for signal in (q, dq, ddq))
         elif self.kind == "joint zero":
-            q = q - self.factor * (np.arange(n) == self.joints[0])
+            q = q - np.array([self.zeros.get(joint, 0.0) for joint in range(n)])
         elif self.is_of_positions:
             q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
         if self.is_of_torques:

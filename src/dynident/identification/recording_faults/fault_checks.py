@@ -35,7 +35,10 @@ from dynident.identification.recording_faults.joint_angle_faults import (
     ZERO,
     describe_mixing,
     describe_mixing_cure,
+    describe_zeros,
+    describe_zeros_cure,
     report_zeros_from_start,
+    state_zeros,
 )
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
@@ -377,7 +380,7 @@ def build_revision(fault: ColumnFault, n: int) -> Revision | None:
     if fault.kind == "torque scaled":
         return Revision(scale={f"tau{joint + 1}": fault.factor for joint in fault.joints})
     if fault.kind == "joint zero":
-        return Revision(zeros=_get_zeros(fault))
+        return Revision(zeros=state_zeros(fault))
     if not fault.is_swap:
         return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in fault.joints})
     # Permutations of a request count from one.
@@ -385,10 +388,6 @@ def build_revision(fault: ColumnFault, n: int) -> Revision | None:
     for joint, source in fault.places:
         order[joint] = source + 1
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
-
-
-def _get_zeros(fault: ColumnFault) -> dict[str, float]:
-    return {f"q{joint + 1}": float(f"{fault.factor:.8g}") for joint in fault.joints}
 
 
 def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
@@ -406,6 +405,8 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
     names = [recording.joint_names[j] for j in fault.joints]
     if fault.mixing is not None:
         return describe_mixing(fault, names, q)
+    if fault.kind == "joint zero":
+        return describe_zeros(fault, names, q)
     if fault.is_swap:
         return _describe_exchange(fault, recording, q, tau)
     if fault.kind == "joint coupled":
@@ -432,10 +433,6 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
         "torque turned": f"the torque{plural} of {of} ({columns[1]}) {verb[0]} the opposite sign",
         "position turned": f"the position{plural} of {of} ({columns[0]}) {verb[0]} the opposite sign",
         "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
-        "joint zero": (
-            f"the zero of {of} ({columns[0]}) is not the description's: the column is "
-            f"{np.rad2deg(fault.factor):.0f} degrees ({fault.factor:.3g} rad) where the description has 0"
-        ),
         "torque scaled": (
             f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / fault.factor:.3g} times the value that "
             "fits the other joints"
@@ -461,8 +458,7 @@ def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> 
         remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{fault.factor:.3g}") for joint in fault.joints})
         return f"Check {which} by {fault.factor:.3g}: {remedy}.", (remedy,)
     if fault.kind == "joint zero":
-        remedy, other = Remedy("zeros", _get_zeros(fault)), "or, of a last joint, describe a load on this link"
-        return f"State where its zero is ({remedy}, in rad), turn the joint in the description, {other}.", (remedy,)
+        return describe_zeros_cure(fault)
     if not fault.is_swap:
         side = "tau" if fault.kind == "torque turned" else "q"
         remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in fault.joints})

@@ -233,7 +233,7 @@ def _is_certain(step: _FaultStep, now: UnexplainedTorque, frictions: FloatArray,
     fault, fall = step.fault, now.compute_fall_to(step.unexplained) * float(now.moving.sum())
     # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
     # several joints at once this is not so. The zero of a joint may be what the description has wrong.
-    may_be_sure = fault.kind not in ("torque scaled", "joint zero") or len(fault.joints) > 1
+    may_be_sure = fault.kind != "joint zero" and (fault.kind != "torque scaled" or len(fault.joints) > 1)
     by_friction = now.against > step.unexplained.against and is_proved_by_friction(fault, frictions, mended)
     is_clear = by_friction or fall >= (_CERTAIN_OF_JOINTS if fault.is_of_whole_joints else _CERTAIN)
     return may_be_sure and is_clear and step.unexplained.average_share <= SOUND
@@ -377,7 +377,7 @@ def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: De
             return None
         near = (other for left, other in known if other != fault and lowest <= left < lowest + ALIKE)
         alike = tuple(other for other in near if trials.measure(other).score < now.score + ALIKE)
-        if fault.kind == "joint zero":
+        if fault.kind == "joint zero" and len(fault.joints) == 1:
             fault = refine_zero_by_masses(fault, described)
             unexplained = trials.measure(fault)
         return _FaultStep(fault, alike, unexplained, True, described.compute_shares(fault))

@@ -205,6 +205,10 @@ def list_angle_faults(robot: Robot, motion: Motion, fit: HeldOutFit, now: Unexpl
     """
     turns = now.moving & find_revolute_joints(robot)
     yield from estimate_zeros(robot, motion, fit, range(robot.n), is_wide=now.worst_share > _POORLY)
+    # A link may be described in another pose: then its joint and the next one, about a parallel axis, have other zeros.
+    parallel = turns & find_parallel_axes(robot) & np.isin(range(robot.n), [joint.parent for joint in robot.joints])
+    for joint in np.flatnonzero(parallel[1:] & turns[:-1]).tolist():
+        yield from (ColumnFault("joint zero", (joint, joint + 1), angle) for angle in ZEROS)
     crossed = turns & ~find_parallel_axes(robot) & (now.joints > _MIXED)
     for joint in range(1, robot.n):
         # The joint before may well have an axis parallel to that of the one before it.
@@ -301,6 +305,56 @@ def _thin_out(motion: Motion) -> Motion:
     return Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
 
 
+def state_zeros(fault: ColumnFault) -> dict[str, float]:
+    """Return the zeros of joints as metadata state them, in rad by our names of columns.
+
+    Parameters
+    ----------
+    fault : ColumnFault
+        The fault.
+    """
+    return {f"q{joint + 1}": float(f"{zero:.8g}") for joint, zero in fault.zeros.items()}
+
+
+def describe_zeros(fault: ColumnFault, names: Sequence[str], q: Sequence[str]) -> str:
+    """Describe in words that joints have other zeros than in the description.
+
+    Parameters
+    ----------
+    fault : ColumnFault
+        The fault.
+    names : sequence of str
+        Names of its joints.
+    q : sequence of str
+        What the user calls the columns of positions.
+    """
+    angles = [f"{np.rad2deg(zero):.0f} degrees ({zero:.3g} rad)" for zero in fault.zeros.values()]
+    which = [f"the zero of {name} ({q[joint]})" for name, joint in zip(names, fault.joints, strict=True)]
+    if len(which) == 1:
+        return f"{which[0]} is not the description's: the column is {angles[0]} where the description has 0"
+    return (
+        f"{' and '.join(which)} are not the description's: the columns are {' and '.join(angles)} where the "
+        "description has 0"
+    )
+
+
+def describe_zeros_cure(fault: ColumnFault) -> tuple[str, tuple[Remedy, ...]]:
+    """Say what to state, or to change in the description, where joints have other zeros; with its remedy.
+
+    Parameters
+    ----------
+    fault : ColumnFault
+        The fault.
+    """
+    remedy = Remedy("zeros", state_zeros(fault))
+    if len(fault.joints) > 1:
+        how = f"State where their zeros are ({remedy}, in rad), or turn the link between them in the description."
+    else:
+        other = "or, of a last joint, describe a load on this link"
+        how = f"State where its zero is ({remedy}, in rad), turn the joint in the description, {other}."
+    return how, (remedy,)
+
+
 def describe_mixing(fault: ColumnFault, names: Sequence[str], q: Sequence[str]) -> str:
     """Describe in words that the columns of two joints are those of the motors of a differential.
 
@@ -317,11 +371,11 @@ def describe_mixing(fault: ColumnFault, names: Sequence[str], q: Sequence[str]) 
     angles = _list_sums(fault, fault.mixing.matrix, q)
     turned = " and ".join(f"{name} is {angle}" for name, angle in zip(names, angles, strict=True))
     columns = " and ".join(q[joint] for joint in fault.joints)
-    return f"{columns} are the angles of two motors that move both joints by a differential ({turned})"
+    return f"{columns} are angles of two motors of a differential or a coupled wrist ({turned})"
 
 
 def describe_mixing_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> str:
-    """Say what the columns of two joints are to be made of, where they are those of the motors of a differential.
+    """Say what the columns of two joints are to be made of, where they are those of coupled motors.
 
     Parameters
     ----------
@@ -335,6 +389,7 @@ def describe_mixing_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str
         f"{columns[joint]} by {value}"
         for columns, matrix in ((q, fault.mixing.matrix), (tau, fault.mixing.of_torques))
         for joint, value in zip(fault.joints, _list_sums(fault, matrix, columns), strict=True)
+        if value != columns[joint]
     ]
     return f"Before the file is read, replace {', '.join(formulas)}, and velocities as positions."
 
@@ -346,6 +401,7 @@ def _list_sums(fault: ColumnFault, matrix: FloatArray, columns: Sequence[str]) -
         terms = [
             ("-" if factor < 0 else "+", "" if abs(factor) == 1.0 else f"{abs(factor):g} ", columns[joint])
             for factor, joint in zip(row, fault.joints, strict=True)
+            if factor
         ]
         text = " ".join(f"{sign} {size}{column}" for sign, size, column in terms)
         sums.append(text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith("- ") else text.removeprefix("+ "))
