@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from dynident.estimation import FactorAccumulator, PriorInformation, Reduction, linearise_constants, solve, statistics
+from dynident.estimation.least_squares import compute_correlated_noise
 
 STRETCHES, PER_STRETCH = 20, 50
 TRUTH = np.array([2.0, -1.0, 0.7])
@@ -83,6 +84,16 @@ def test_a_constant_that_no_row_tells_of_is_as_uncertain_as_its_range():
     nothing = data.reduction(np.array([0.0, best[1], best[2]]))
     found = linearise_constants(nothing, solution, np.array([0.4]), "by_time_and_joints")
     assert found.deviations[0] == pytest.approx(0.4, rel=1e-6)
+
+
+def test_rows_are_worth_as_much_as_in_the_columns_of_the_parameters_alone(monkeypatch):
+    data = Decay(5)
+    best, solution = estimated(data)
+    expected = compute_correlated_noise(data.reduction(best, shaped=False), solution.values)
+    # Without columns that are made triangular again, which takes as long as all the rest.
+    monkeypatch.delattr(Reduction, "select_columns")
+    found = linearise_constants(data.reduction(best), solution, WIDE, "by_time_and_joints")
+    np.testing.assert_allclose(found.solution.noise, expected, rtol=1e-9)
 
 
 def test_what_was_known_of_the_parameters_stays_known():

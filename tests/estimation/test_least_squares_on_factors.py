@@ -7,6 +7,7 @@ import pytest
 import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import lapack
 
 from dynident.estimation import (
     EstimationError,
@@ -18,11 +19,13 @@ from dynident.estimation import (
     compute_errors,
     compute_noise_levels,
     concatenate_reductions,
+    qr_decomposition,
     solve,
     solve_ordinary,
     solve_weighted,
     statistics,
 )
+from dynident.estimation.qr_decomposition import compute_r_factor
 
 N_PARAMETERS = 7
 # Which parameters each of three equations contains.
@@ -59,6 +62,45 @@ class Rows:
             one[:, columns] = w / s
             wide.append(one[rows])
         return np.concatenate(wide), np.concatenate([y[rows] / s for y, s in zip(self.y, noise, strict=True)])
+
+
+@pytest.mark.parametrize(("m", "k"), [(40, 60), (60, 20), (500, 12), (300, 40), (900, 70), (200, 300)])
+def test_the_factor_of_few_and_of_many_rows_is_numpys(m, k):
+    rows = np.random.default_rng(m).normal(size=(m, k))
+    np.testing.assert_allclose(abs(compute_r_factor(rows)), abs(np.linalg.qr(rows, mode="r")), atol=1e-11)
+
+
+def test_many_rows_are_factorised_by_the_recursive_algorithm(monkeypatch):
+    used = []
+    monkeypatch.setattr(lapack, "dgeqrt", lambda nb, rows: used.append(rows.shape) or (rows, None, 0))
+    compute_r_factor(np.ones((300, 40)))
+    compute_r_factor(np.ones((60, 40)))
+    assert used == [(300, 40)]
+
+
+def test_only_blocks_with_further_rows_are_factorised_again(monkeypatch):
+    rng = np.random.default_rng(1)
+    factors, rows = np.triu(rng.normal(size=(6, 5, 5))), np.zeros((6, 3, 5))
+    rows[[1, 4]] = rng.normal(size=(2, 3, 5))
+    read = []
+    factor = qr_decomposition.compute_r_factor
+    monkeypatch.setattr(qr_decomposition, "compute_r_factor", lambda rows: read.append(len(rows)) or factor(rows))
+    joined = qr_decomposition.add_rows_to_factors(factors, rows)
+    expected = factors.transpose(0, 2, 1) @ factors + rows.transpose(0, 2, 1) @ rows
+    np.testing.assert_allclose(joined.transpose(0, 2, 1) @ joined, expected, atol=1e-12)
+    assert read == [2]
+    assert qr_decomposition.add_rows_to_factors(factors, 0.0 * rows) is factors
+
+
+def test_rows_of_zeros_are_left_out_where_factors_are_joined(monkeypatch):
+    factors = np.zeros((6, 5, 5))
+    factors[:, :2] = np.random.default_rng(0).normal(size=(6, 2, 5))
+    read = []
+    factor = qr_decomposition.compute_r_factor
+    monkeypatch.setattr(qr_decomposition, "compute_r_factor", lambda rows: read.append(len(rows)) or factor(rows))
+    joined = qr_decomposition.join_factors(factors)
+    np.testing.assert_allclose(joined.T @ joined, np.einsum("sij,sik->jk", factors, factors), atol=1e-12)
+    assert read == [12]
 
 
 def test_ordinary_least_squares_is_numpys():

@@ -13,6 +13,7 @@ from dynident.estimation import (
     BlockRows,
     FactorAccumulator,
     IntervalRows,
+    PriorInformation,
     Reduction,
     RowGroup,
     SeparateRows,
@@ -21,9 +22,11 @@ from dynident.estimation import (
     concatenate_reductions,
     estimate_group_weights,
     merge_row_groups,
+    solve,
     solve_ordinary,
     solve_weighted,
 )
+from dynident.estimation.least_squares import ReweightedEquations
 
 N_ROWS, N_COLUMNS, STRETCHES = 600, 4, 12
 COLUMNS = [np.array([0, 1, 2]), np.array([1, 2, 3])]
@@ -75,6 +78,29 @@ def test_a_solution_is_that_of_rows_divided_by_their_noise_whatever_they_were_we
 def test_weights_are_what_the_noise_of_either_kind_of_rows_says():
     weights = estimate_group_weights(reduction(*rows(1, (0.1, 0.5))))
     assert weights == pytest.approx([1 / 25] * 2, rel=0.4)
+
+
+@pytest.mark.parametrize("is_known", [False, True])
+def test_weights_agree_with_the_solution_that_they_give(is_known):
+    data = reduction(*rows(4, (0.1, 0.5)))
+    known = PriorInformation(np.eye(N_COLUMNS), TRUTH) if is_known else None
+    weights = estimate_group_weights(data, known)
+    values = solve_weighted(data.weight_groups(weights), known).values
+    for equation, weight in zip(data.equations, weights, strict=True):
+        group, own = equation.weighted_rows, values[equation.columns]
+        count = equation.counts.sum() - group.count
+        squares = equation.sum_squares(values).sum() - group.sum_squares(own)
+        assert weight == pytest.approx((squares / count) / (group.sum_squares(own) / group.count), rel=0.02)
+
+
+def test_equations_by_themselves_have_the_squares_of_their_rows_and_the_solution_with_any_noise():
+    data = reduction(*rows(5, (0.1, 0.5)))
+    equations = ReweightedEquations.from_solution(data, solve_ordinary(data))
+    for noise in (np.array([0.1, 0.4]), np.array([1e-6, 1.0])):
+        values = equations.solve(noise)
+        np.testing.assert_allclose(values, solve(data, noise).values, rtol=1e-9)
+        expected = [equation.sum_squares(values).sum() for equation in data.equations]
+        np.testing.assert_allclose(equations.sum_squares(values), expected, rtol=1e-9)
 
 
 def test_rows_that_are_quieter_where_a_joint_turns_round_count_as_the_others_do():

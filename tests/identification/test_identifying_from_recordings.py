@@ -14,6 +14,7 @@ from dynident.effects import EffectChoice, ReferenceParameters, UnknownEffectErr
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
+from dynident.identification.identified_models import fit_model
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, draw_postures
 from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import build_model
@@ -166,6 +167,16 @@ def test_several_recordings_are_identified_together():
 def test_the_inertia_matrix_of_sound_parameters_is_positive_definite(identified):
     assert identified.inertia_matrix_positive_definite
     assert 0 < identified.worst_inertia_eigenvalue < 1
+
+
+def test_the_inertia_matrix_is_looked_at_when_somebody_asks(monkeypatch):
+    asked = []
+    monkeypatch.setattr(fit_model, "compute_smallest_inertia_eigenvalue", lambda *_: asked.append(1) or 0.5)
+    found = identify(ROBOT, [TRAINING], [], choices(estimator="wls"))
+    assert len(found.parameters) == found.model.n_parameters
+    assert not asked
+    assert found.inertia_matrix_positive_definite
+    assert len(asked) == 1
 
 
 def test_the_smallest_inertia_eigenvalue_is_pinocchios():

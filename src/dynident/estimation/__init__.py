@@ -8,7 +8,6 @@ from dynident.estimation.least_squares import (
     Solution,
     build_weighted_factor,
     compute_noise_levels,
-    compute_relative_change,
     compute_row_noise,
     solve,
     solve_ordinary,
@@ -24,6 +23,7 @@ from dynident.estimation.residual_errors import (
     ErrorsByGroup,
     compute_errors,
     compute_errors_by_group,
+    compute_relative_change,
 )
 from dynident.estimation.row_groups import (
     BlockRows,

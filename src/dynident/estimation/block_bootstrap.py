@@ -141,7 +141,7 @@ class _BlockSums:
         information, scores, squares, counts = information[filled], scores[filled], squares[filled], counts[filled]
         # A block pulls the estimate towards itself, which shrinks its own residuals. Undo that with (1 - A)⁻¹, as CR3
         # does.
-        u = np.einsum("sij,sj->si", remove_leverage(information.sum(axis=1)), scores.sum(axis=1))
+        u = remove_leverage(information.sum(axis=1), scores.sum(axis=1))
         moved = np.einsum("seij,sj->sei", information, u)
         straight = scores + moved
         longer = squares + 2 * np.einsum("sei,si->se", scores, u) + np.einsum("sei,si->se", moved, u)

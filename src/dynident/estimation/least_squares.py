@@ -126,28 +126,6 @@ def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorI
     return compute_r_factor(stacked)
 
 
-def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
-    """Return ||W Δχ|| / ||Y||: the effect of a change of the parameters, relative to what was measured.
-
-    Parameters
-    ----------
-    reduction, change : Reduction, (c,)
-        The equations as triangular factors, and the change Δχ of the parameters.
-
-    Returns
-    -------
-    float
-        A fraction; 0 where nothing was measured.
-    """
-    squares = measured = 0.0
-    for equation in reduction.equally_weighted.equations:
-        k = len(equation.columns)
-        moved = equation.whole_factor[:, :k] @ change[equation.columns]
-        squares += float(moved @ moved)
-        measured += float(equation.whole_factor[:, k] @ equation.whole_factor[:, k])
-    return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
-
-
 def solve(reduction: Reduction, noise: FloatArray, known: PriorInformation | None = None) -> Solution:
     """Solve [12.5] with every equation weighted by 1 / noise.
 
@@ -263,9 +241,7 @@ def solve_ordinary(reduction: Reduction, known: PriorInformation | None = None) 
     return _iterate_weights(reduction, solve(reduction, alike, known), compute_common_noise, known)
 
 
-def solve_weighted(
-    reduction: Reduction, known: PriorInformation | None = None, near: Solution | None = None
-) -> Solution:
+def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
     """Solve by weighted least squares: each equation is divided by the standard deviation of its own residual.
 
     With prior knowledge, each row counts for as much as it is worth as an independent sample.
@@ -276,8 +252,6 @@ def solve_weighted(
         The equations as triangular factors, by blocks of time.
     known : PriorInformation, optional
         Prior knowledge of the parameters, in units of its own standard deviation.
-    near : Solution, optional
-        A solution of nearly the same equations to start from, instead of ordinary least squares.
 
     Returns
     -------
@@ -292,18 +266,21 @@ def solve_weighted(
     # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
     is_weighed = known is not None and known.has_rows
     levels = compute_correlated_noise if is_weighed else compute_noise_levels
-    homogeneous = any(_is_homogeneous(equation) for equation in reduction.equations)
     # Terms of homogeneous equations are measured by ordinary least squares alone.
-    first = solve_ordinary(reduction, known) if near is None or homogeneous else near
-    if not homogeneous:
-        return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
-    sizes = _measure_terms(reduction, first.values)
+    first = solve_ordinary(reduction, known)
+    grow = measure_growth_of_terms(reduction, first.values)
+    return _iterate_weights(reduction, first, lambda values: levels(reduction, values) / grow(values), known)
 
-    def noise_of(values: FloatArray) -> FloatArray:
-        # The residual of Wχ = 0 shrinks with χ: weighted by it alone, such an equation would draw χ to zero.
-        return levels(reduction, values) * sizes / _measure_terms(reduction, values)
 
-    return _iterate_weights(reduction, first, noise_of, known)
+def measure_growth_of_terms(reduction: Reduction, first: FloatArray) -> Callable[[FloatArray], FloatArray | float]:
+    """Return a function of parameters (c,): how many times those of `first` the terms of homogeneous equations are.
+
+    The residual of Wχ = 0 shrinks with χ: weighted by it alone, such an equation would draw χ to zero.
+    """
+    if not any(_is_homogeneous(equation) for equation in reduction.equations):
+        return lambda values: 1.0
+    sizes = _measure_terms(reduction, first)
+    return lambda values: _measure_terms(reduction, values) / sizes
 
 
 def _is_homogeneous(equation: EquationFactors) -> bool:
@@ -324,45 +301,65 @@ def _iterate_weights(
     reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: PriorInformation | None
 ) -> Solution:
     """Solve and estimate the noise in turn until the noise settles."""
-    noise, equations = noise_of(first.values), _NormalEquations.from_solution(reduction, first, known)
-    # Iteratively reweighted least squares: the noise follows from the residuals, and the residuals from the weights.
+    equations = ReweightedEquations.from_solution(reduction, first)
+    noise, _, has_settled = settle_noise(reduction, noise_of(first.values), noise_of, equations.solve)
+    return replace(solve(reduction, noise, known), converged=has_settled)
+
+
+def settle_noise(
+    reduction: Reduction,
+    noise: FloatArray,
+    noise_of: Callable[[FloatArray], FloatArray],
+    values_of: Callable[[FloatArray], FloatArray],
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Estimate noise (n,) from values (c,) and these from the noise in turn, until it settles (IRLS).
+
+    Returns
+    -------
+    tuple of (n,), (c,), bool
+        The noise, the values with it, and whether it has settled.
+    """
     for _ in range(MOST_ROUNDS):
-        values = equations.solve(noise)
-        if values is None:
-            values = solve(reduction, noise, known).values
+        values = values_of(noise)
         before, noise = noise, noise_of(values)
         if are_weights_settled(reduction, before, noise):
-            return solve(reduction, before, known)
-    return replace(solve(reduction, before, known), converged=False)
+            return before, values, True
+    return before, values, False
 
 
 @dataclass(frozen=True, eq=False)
-class _NormalEquations:
+class ReweightedEquations:
     """Normal equations of changed weights, about a solution and in coordinates in which it has WᵀW = 1.
 
     There the condition number is at most the ratio of the weights, so that nothing is lost by squaring it.
 
     Parameters
     ----------
-    start : Solution
-        The solution.
+    reduction, start : Reduction, Solution
+        The equations, and a solution of them with any noise.
     free : (f,)
         Numbers of the parameters that are not held.
     factor : (f, f)
         Triangular factor R of its weighted W, of these parameters.
+    rows, first : (r, c + 1), (n + 1,)
+        [W | Y] of all equations and of prior knowledge, as they were weighted, and where the rows of each begin.
     grams, moments : (n + 1, f, f), (n + 1, f)
         ZᵀZ and Zᵀρ of every equation and of prior knowledge, as they were weighted, with Z = W R⁻¹.
     """
 
+    reduction: Reduction
     start: Solution
     free: IndexArray
     factor: FloatArray
+    rows: FloatArray
+    first: IndexArray
     grams: FloatArray
     moments: FloatArray
 
     @classmethod
-    def from_solution(cls, reduction: Reduction, start: Solution, known: PriorInformation | None) -> _NormalEquations:
-        free = np.flatnonzero(~start.is_held)
+    def from_solution(cls, reduction: Reduction, start: Solution) -> ReweightedEquations:
+        """Take a solution apart."""
+        free, known = np.flatnonzero(~start.is_held), start.known
         factor = start.factor if start.free is None else compute_r_factor(start.factor[:, free])
         sizes = [len(equation.columns) + 1 for equation in reduction.equations]
         rows = np.zeros((sum(sizes) + (0 if known is None else len(known.right)), reduction.n_columns + 1))
@@ -377,21 +374,28 @@ class _NormalEquations:
         z = solve_triangular(factor, rows[:, free].T, trans="T").T
         parts = [slice(a, b) for a, b in zip(ends, [*ends[1:], len(rows)], strict=True)]
         grams = np.array([z[part].T @ z[part] for part in parts])
-        return cls(start, free, factor, grams, np.array([residual[part] @ z[part] for part in parts]))
+        moments = np.array([residual[part] @ z[part] for part in parts])
+        return cls(reduction, start, free, factor, rows, ends, grams, moments)
 
-    def solve(self, noise: FloatArray) -> FloatArray | None:
-        """Return the estimates (c,) with other noise (n,); None if weights differ too much, or nothing is free."""
+    def solve(self, noise: FloatArray) -> FloatArray:
+        """Return the estimates (c,) with other noise (n,)."""
         weights = np.append((self.start.noise / noise) ** 2, 1.0)
-        if not len(self.free) or weights.max() > _WIDEST * weights.min():
-            return None
-        gram = (weights @ self.grams.reshape(len(weights), -1)).reshape(self.factor.shape)
-        # Not by SciPy's functions: for systems this small their checks take longer than the solution.
-        _, change, failed = lapack.dposv(gram, weights @ self.moments)
-        if failed:
-            return None
-        values = self.start.values.copy()
-        values[self.free] += lapack.dtrtrs(self.factor, change)[0]
-        return values
+        if len(self.free) and weights.max() <= _WIDEST * weights.min():
+            gram = (weights @ self.grams.reshape(len(weights), -1)).reshape(self.factor.shape)
+            # Not by SciPy's functions: for systems this small their checks take longer than the solution.
+            _, change, failed = lapack.dposv(gram, weights @ self.moments)
+            if not failed:
+                values = self.start.values.copy()
+                values[self.free] += lapack.dtrtrs(self.factor, change)[0]
+                return values
+        # Weights differ too much for normal equations, or nothing is free.
+        return solve(self.reduction, noise, self.start.known).values
+
+    def sum_squares(self, values: FloatArray) -> FloatArray:
+        """Return the sum of squared residuals (n,) of every equation."""
+        rows = self.rows[: self.first[-1]]
+        residual = rows[:, -1] - rows[:, :-1] @ values
+        return np.asarray(np.add.reduceat(residual * residual, self.first[:-1]) * self.start.noise**2)
 
 
 def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
@@ -408,8 +412,13 @@ def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatAr
     -------
     bool
     """
-    rounding = _ROUNDING * reduction.measured_sizes / np.sqrt(np.maximum(reduction.row_counts, 1.0))
-    return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
+    limit = np.maximum(WEIGHTS_SETTLED * before, compute_rounding(reduction))
+    return bool(np.all(np.abs(after - before) <= limit))
+
+
+def compute_rounding(reduction: Reduction) -> FloatArray:
+    """Return the noise (n,) of every equation that rounding leaves of exact data."""
+    return _ROUNDING * reduction.measured_sizes / np.sqrt(np.maximum(reduction.row_counts, 1.0))
 
 
 def compute_correlated_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
@@ -457,7 +466,7 @@ def compute_residual_noise(reduction: Reduction, values: FloatArray) -> FloatArr
 
     Rows count as they are weighted within their equation; `compute_row_noise` has each count alike.
     """
-    return _compute_deviation(reduction, compute_weighted_squares(reduction, values))
+    return compute_deviation(reduction, compute_weighted_squares(reduction, values))
 
 
 def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
@@ -473,10 +482,11 @@ def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     (n,) array
         Standard deviations in the unit of Y; zero where the fit is exact.
     """
-    return _compute_deviation(reduction, compute_fitted_errors(reduction, values).squares)
+    return compute_deviation(reduction, compute_fitted_errors(reduction, values).squares)
 
 
-def _compute_deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
+def compute_deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
+    """Return the standard deviation (n,) of rows whose squared residuals sum up to `squares` (n,), [12.7]."""
     # Equations share the parameters: each loses degrees of freedom by its rows; below the limit variances diverge.
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
     return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))

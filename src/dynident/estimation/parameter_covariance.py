@@ -112,10 +112,11 @@ def estimate_cluster_covariance(
     for first in range(0, count, together):
         where = slice(first, first + together)
         informations = _compute_informations(reduction, solution, root, filled[where])
-        amplified, alone = _leave_out_blocks(informations)
+        right = np.empty((len(informations), size, 1 + len(root)))
+        right[:, :, 0], right[:, :, 1:] = scores[where], directions.T
+        amplified, alone = _leave_out_blocks(informations, right)
         dominated += alone
-        steps[where] = np.einsum("sij,sj->si", amplified, scores[where])
-        u = amplified @ directions.T
+        steps[where], u = amplified[:, :, 0], amplified[:, :, 1:]
         moved[where] = informations @ u
         pulls[where] = np.einsum("sik,sik->sk", u, moved[where])
     inner = (count - 1) / count * steps.T @ steps
@@ -178,25 +179,25 @@ def _compute_informations(reduction: Reduction, solution: Solution, root: FloatA
     return informations
 
 
-def _leave_out_blocks(informations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (1 - A_s)⁻¹ (s, f, f) of every block, and Σ v vᵀ (f, f) of directions v that only one block determines."""
-    s, f, _ = informations.shape
-    away, alone = np.zeros((s, f, f)), np.zeros((f, f))
+def _leave_out_blocks(informations: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (1 - A_s)⁻¹ times `right` (s, f, k), and Σ v vᵀ (f, f) of directions v that only one block determines."""
+    f = informations.shape[1]
+    solved, alone = np.zeros(right.shape), np.zeros((f, f))
     # Cholesky's decomposition fails where an eigenvalue is above the limit: only these few blocks need all of them.
     many = np.array([lapack.dpotrf(_ALONE * np.eye(f) - block)[1] > 0 for block in informations], dtype=bool)
-    away[~many] = np.linalg.inv(np.eye(f) - informations[~many])
+    solved[~many] = np.linalg.solve(np.eye(f) - informations[~many], right[~many])
     values, vectors = np.linalg.eigh(informations[many])
     lost = values > _ALONE
     # A direction that is dominated by this block is dropped from the jackknife step; its 1 / (1 - λ) would explode.
     amplification = np.where(lost, 0.0, 1.0 / (1.0 - np.minimum(values, _ALONE)))
-    away[many] = (vectors * amplification[:, None, :]) @ vectors.transpose(0, 2, 1)
+    solved[many] = (vectors * amplification[:, None, :]) @ (vectors.transpose(0, 2, 1) @ right[many])
     dominated = (vectors * lost[:, None, :]) @ vectors.transpose(0, 2, 1)
-    return away, alone + dominated.sum(axis=0)
+    return solved, alone + dominated.sum(axis=0)
 
 
-def remove_leverage(informations: FloatArray) -> FloatArray:
-    """Return (1 - A_s)⁻¹ (s, f, f) for A_s (s, f, f): it undoes the pull of each block on its own residuals."""
-    return _leave_out_blocks(informations)[0]
+def remove_leverage(informations: FloatArray, scores: FloatArray) -> FloatArray:
+    """Return (1 - A_s)⁻¹ g_s (s, f) for A_s (s, f, f): it undoes the pull of each block on its own residuals."""
+    return _leave_out_blocks(informations, scores[:, :, None])[0][:, :, 0]
 
 
 def _compute_satterthwaite_freedom(own: FloatArray, v: FloatArray) -> FloatArray:

@@ -71,6 +71,9 @@ def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
 
 _BLOCK = 32
 """Columns that LAPACK processes at once; its workspace is this many times the number of columns."""
+_RECURSIVE_BLOCK, _RECURSIVE_FROM = 16, 8000
+"""The same of the recursive algorithm (Elmroth and Gustavson 2000), and from how many numbers on it is used: for 200
+to 2,000 rows of 30 to 120 columns it takes 0.5 to 0.9 of the time, for fewer numbers up to twice as long."""
 
 
 def compute_r_factor(rows: FloatArray) -> FloatArray:
@@ -82,7 +85,10 @@ def compute_r_factor(rows: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.qr(rows, mode="r"))
     # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
     k = rows.shape[1]
-    factor = lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k]
+    if rows.size >= _RECURSIVE_FROM and min(rows.shape) >= _RECURSIVE_BLOCK:
+        factor = lapack.dgeqrt(_RECURSIVE_BLOCK, rows)[0][:k]
+    else:
+        factor = lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k]
     # LAPACK leaves the reflectors below the diagonal. They would give Q, which nobody needs.
     return np.where(_mask_below_diagonal(factor.shape), 0.0, factor)
 
@@ -98,7 +104,19 @@ def join_factors(factors: FloatArray) -> FloatArray:
     k = factors.shape[-1]
     if not len(factors):
         return np.zeros((k, k))
-    return pad_to_square(compute_r_factor(factors.reshape(-1, k)))
+    rows = factors.reshape(-1, k)
+    # Blocks with few rows are padded with zeros.
+    return pad_to_square(compute_r_factor(rows[rows.any(axis=1)]))
+
+
+def add_rows_to_factors(factors: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return the factors (s, p + 1, p + 1) of blocks with further rows (s, k, p + 1), which are zero in many blocks."""
+    has = rows.any(axis=(1, 2))
+    if not has.any():
+        return factors
+    joined = factors.copy()
+    joined[has] = pad_to_square(compute_r_factor(np.concatenate([factors[has], rows[has]], axis=1)))
+    return joined
 
 
 def pad_to_square(r: FloatArray) -> FloatArray:

@@ -179,6 +179,28 @@ def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatA
     return np.array([float(rest @ rest) for rest in rests])
 
 
+def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
+    """Return ||W Δχ|| / ||Y||: the effect of a change of the parameters, relative to what was measured.
+
+    Parameters
+    ----------
+    reduction, change : Reduction, (c,)
+        The equations as triangular factors, and the change Δχ of the parameters.
+
+    Returns
+    -------
+    float
+        A fraction; 0 where nothing was measured.
+    """
+    squares = measured = 0.0
+    for equation in reduction.equally_weighted.equations:
+        k = len(equation.columns)
+        moved = equation.whole_factor[:, :k] @ change[equation.columns]
+        squares += float(moved @ moved)
+        measured += float(equation.whole_factor[:, k] @ equation.whole_factor[:, k])
+    return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
+
+
 def compute_t(gains: FloatArray) -> float:
     """Return t of the gains (s,) in blocks of time; 0 where all gain the same, or there is one alone.
 

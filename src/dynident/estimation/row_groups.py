@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.qr_decomposition import compute_r_factor, join_factors, pad_to_square
+from dynident.estimation.qr_decomposition import add_rows_to_factors, compute_r_factor, join_factors, pad_to_square
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +132,8 @@ class WeightedRows(BlockRows):
     @property
     def weighted_factors(self) -> FloatArray:
         """Factor (s, p + 1, p + 1) of all rows of every block, as they are weighted."""
-        if not len(self.others):
-            return self.others
-        # The weight is that of squares; rows take its root.
-        return pad_to_square(compute_r_factor(np.concatenate([self.others, np.sqrt(self.weight) * self.rows], axis=1)))
+        # The weight is that of squares; rows take its root. Blocks in which the group has no row stay as they are.
+        return add_rows_to_factors(self.others, np.sqrt(self.weight) * self.rows)
 
     def select(self, selected: Sequence[int]) -> WeightedRows:
         """Return the same rows with only these of the p + 1 columns."""

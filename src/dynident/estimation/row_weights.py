@@ -10,12 +10,21 @@ both lose a twentieth of the efficiency of least squares where residuals are nor
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.least_squares import EstimationError, solve_weighted
+from dynident.estimation.least_squares import (
+    EstimationError,
+    ReweightedEquations,
+    compute_deviation,
+    compute_rounding,
+    floor_noise,
+    measure_growth_of_terms,
+    settle_noise,
+    solve_ordinary,
+)
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.row_groups import WeightedRows
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
@@ -104,14 +113,43 @@ def estimate_group_weights(reduction: Reduction, known: PriorInformation | None 
         return weights
     # Blocks of time do not matter for the weights; one block makes every round cheaper.
     coarse = Reduction(reduction.n_columns, tuple(map(_merge_blocks, reduction.equations)), reduction.spans[:1])
-    solution = None
+    try:
+        return _settle_group_weights(coarse, known)
+    except EstimationError:
+        return weights
+
+
+def _settle_group_weights(coarse: Reduction, known: PriorInformation | None) -> FloatArray:
+    """Estimate the weights as `estimate_group_weights`, of equations in one block in which all rows count alike."""
+    n = len(coarse.equations)
+    # Rows with a weight of their own, and the others, as equations by themselves: what changes is only their noise.
+    parts = _split_groups(coarse)
+    others, weighted = (equations.row_counts for equations in parts)
+    apart = Reduction(coarse.n_columns, (*parts[0].equations, *parts[1].equations), coarse.spans)
+    first = solve_ordinary(coarse, known)
+    equations = ReweightedEquations.from_solution(apart, replace(first, noise=np.tile(first.noise, 2)))
+    grow = measure_growth_of_terms(coarse, first.values)
+    # Against prior knowledge exact data must not weigh without limit.
+    floor = compute_rounding(coarse) if known is not None and known.has_rows else np.zeros(n)
+    weights, values = np.ones(n), first.values
+
+    def noise_of(values: FloatArray) -> FloatArray:
+        of_others, of_weighted = equations.sum_squares(values).reshape(2, n)
+        noise = floor_noise(compute_deviation(coarse, of_others + weights * of_weighted))
+        return np.asarray(np.maximum(noise, floor) / grow(values))
+
+    def values_of(noise: FloatArray) -> FloatArray:
+        return equations.solve(np.concatenate([noise, noise / np.sqrt(weights)]))
+
     # Fixed point: weights give estimates, estimates give residuals of either kind of rows, and these give weights.
     for _ in range(_MOST_ROUNDS):
-        try:
-            solution = solve_weighted(coarse.weight_groups(weights), known, solution)
-        except EstimationError:
-            return np.ones(len(weights))
-        before, weights = weights, _compute_weights(coarse, solution.values)
+        _, values, _ = settle_noise(coarse, noise_of(values), noise_of, values_of)
+        of_others, of_weighted = equations.sum_squares(values).reshape(2, n)
+        both = (others > 0) & (weighted > 0) & (of_others > 0.0) & (of_weighted > 0.0)
+        before, ratio = weights, np.ones(n)
+        ratio[both] = (of_others[both] / others[both]) / (of_weighted[both] / weighted[both])
+        # One at most: these rows are never better than the others, and a smaller residual of theirs is chance.
+        weights = np.minimum(ratio, 1.0)
         # Weights are variances: twice the relative change of a standard deviation.
         if np.all(np.abs(weights - before) <= 2 * _SETTLED * before):
             break
@@ -128,20 +166,14 @@ def _merge_blocks(equation: EquationFactors) -> EquationFactors:
     return EquationFactors.from_groups(equation.columns, own, counts, None)
 
 
-def _compute_weights(coarse: Reduction, values: FloatArray) -> FloatArray:
-    """Return the ratio (n,) of the mean squared residual of the other rows to that of the weighted ones, 1 at most."""
-    weights = []
+def _split_groups(coarse: Reduction) -> tuple[Reduction, Reduction]:
+    """Return the other rows and the weighted ones of equations in one block, as equations by themselves."""
+    groups: tuple[list[EquationFactors], list[EquationFactors]] = ([], [])
     for equation in coarse.equations:
         rows = equation.weighted_rows
-        if rows is None or not rows.count:
-            weights.append(1.0)
-            continue
-        own, others = values[equation.columns], int(equation.counts.sum()) - rows.count
-        grouped, squares = (
-            rows.sum_squares(own),
-            float(((rows.others[..., -1] - rows.others[..., :-1] @ own) ** 2).sum()),
-        )
-        # One at most: these rows are never better than the others, and a smaller residual of theirs is chance.
-        has_both_kinds = others and squares > 0.0 and grouped > 0.0
-        weights.append(min(1.0, (squares / others) / (grouped / rows.count)) if has_both_kinds else 1.0)
-    return np.array(weights)
+        count = 0 if rows is None else rows.count
+        both = (equation.factors, 0.0 * equation.factors) if rows is None else (rows.others, rows.rows)
+        for group, factors, size in zip(groups, both, (equation.counts - count, np.array([count])), strict=True):
+            group.append(EquationFactors(equation.columns, factors, size))
+    others, weighted = (Reduction(coarse.n_columns, tuple(group), coarse.spans) for group in groups)
+    return others, weighted

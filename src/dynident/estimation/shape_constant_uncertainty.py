@@ -17,7 +17,7 @@ from dynident.estimation.least_squares import Solution, build_weighted_factor, c
 from dynident.estimation.parameter_covariance import CovarianceName, Statistics, statistics
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr_decomposition import compute_r_factor
-from dynident.estimation.triangular_factors import Reduction
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 # As in `least_squares`: smallest part of a column that must be independent of the columns before it.
 _SINGULAR = 1e-12
@@ -123,10 +123,20 @@ def _build_prior_and_noise(
         return PriorInformation(np.vstack([wide, ranges_alone]), right, held), solution.noise
     # Rows count for as much as they are worth as independent samples; how they weigh among each other stays.
     noise, counts = solution.noise, reduction.row_counts
-    doubt = compute_correlated_noise(reduction.select_columns(np.arange(b)), solution.values)
+    doubt = compute_correlated_noise(_select_parameters(reduction, b), solution.values)
     size = float(np.sum(counts * noise**2))
     range_prior = PriorInformation(ranges_alone, np.zeros(k), held)
     return range_prior, noise * float(np.sqrt(np.sum(counts * doubt**2) / size)) if size > 0 else noise
+
+
+def _select_parameters(reduction: Reduction, b: int) -> Reduction:
+    """Return the rows of each block in the columns of the b parameters, as they are weighted; not triangular again."""
+    equations = []
+    for equation in reduction.equations:
+        (own,) = np.nonzero(equation.columns < b)
+        factors = equation.factors[:, :, [*own, -1]]
+        equations.append(EquationFactors(equation.columns[own], factors, equation.counts))
+    return Reduction(b, tuple(equations), reduction.spans)
 
 
 def _build_free_directions(solution: Solution, c: int) -> FloatArray:

@@ -16,6 +16,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.estimation.qr_decomposition import (
     WhitenedColumns,
+    add_rows_to_factors,
     compute_r_factor,
     join_factors,
     pad_to_square,
@@ -385,11 +386,9 @@ def merge_row_groups(split: Reduction) -> Reduction:
         plain, own, counted = split.equations[j::n]
         group = BlockRows.from_factors(own.factors, own.counts)
         counted_rows = BlockRows.from_factors(counted.factors, counted.counts)
-        others = plain.factors
-        if counted_rows.count:
-            others = pad_to_square(compute_r_factor(np.concatenate([others, counted_rows.rows], axis=1)))
-        weighted_rows = WeightedRows(group.rows, group.counts, others)
+        others = add_rows_to_factors(plain.factors, counted_rows.rows)
         separate_rows = None if plain.separate_rows is None else replace(plain.separate_rows, counted=counted_rows)
+        weighted_rows = WeightedRows(group.rows, group.counts, others)
         counts = plain.counts + own.counts + counted.counts
         equations.append(EquationFactors.from_groups(plain.columns, weighted_rows, counts, separate_rows))
     return replace(split, equations=tuple(equations))

@@ -49,6 +49,10 @@ def find_undetermined_parameters(
     if lost.any() or largest == 0.0:
         return [names[k] for k in np.flatnonzero(lost)]
     # Columns of equal size, or the units of the parameters would decide what counts as small.
+    singular = np.linalg.svd(factor / norms, compute_uv=False)
+    # Singular values alone take a third of the time, and mostly no direction is asked for.
+    if singular[-1] > _TINY * singular[0]:
+        return []
     _, singular, vt = np.linalg.svd(factor / norms)
     null = vt[singular <= _TINY * singular[0]]
     # All parameters with a noticeable part in an undetermined direction: naming only one of them would be arbitrary.

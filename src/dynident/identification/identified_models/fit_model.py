@@ -380,13 +380,15 @@ def finalise_identification(
     values = fitted.solution.values
     shapes = ShapeUncertainty.from_fit(problem, fitted, shaped)
     reduced = reduced.with_changes(shaped=defer(lambda: shapes.reduction))
-    if model.is_at_rest:
-        # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
-        smallest = float("nan")
-    elif part_of is None:
-        smallest = compute_smallest_inertia_eigenvalue(model, values)
-    else:
-        smallest = compute_smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
+
+    def find_smallest_eigenvalue() -> float:
+        if model.is_at_rest:
+            # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
+            return float("nan")
+        if part_of is None:
+            return compute_smallest_inertia_eigenvalue(model, values)
+        return compute_smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
+
     estimate = Estimate.from_solution(
         model,
         reduced,
@@ -405,7 +407,7 @@ def finalise_identification(
         data=reduced,
         fit=compute_errors(data.torque, values),
         held_out=None if reduced.held_out is None else compute_errors(reduced.held_out, values),
-        worst_inertia_eigenvalue=smallest,
+        worst_inertia_eigenvalue=defer(find_smallest_eigenvalue),
         warnings=(),
     )
     return result.with_changes(warnings=defer(lambda: fitted.warnings + list_warnings(result)))
