@@ -213,6 +213,14 @@ def test_a_joint_that_stuck_at_its_reversals_is_expected_to_stick_at_those_of_th
     after = slice(start + 2, start + round(0.05 / held.period))
     assert np.ptp(later[after, 1]) == pytest.approx(0.0, abs=1e-9)
     assert later[:, 0] == pytest.approx(read_positions(held)[:, 0])
+    # A controller overcomes friction by the error of the position: four times as fast, the plan is as far ahead in a
+    # quarter of the time.
+    fast = replace(design, t=design.t / 4, dq=4 * design.dq, ddq=16 * design.ddq)
+    holds = []
+    for plan in (design, fast):
+        path = read_positions(expect_recording(plan, stuck))[int(plan.t[turns[1][3]] / held.period) + 2 :, 1]
+        holds.append(int(np.argmax(np.abs(np.diff(path)) > 1e-9)))
+    assert 0 < 2 * holds[1] < holds[0]
     # One that seems to stick at half of them lingers there by itself; it is not expected to stick.
     for k in turns[1][::2]:
         row = int(design.t[k] / held.period)

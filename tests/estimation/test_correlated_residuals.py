@@ -16,7 +16,8 @@ from dynident.estimation import (
     solve_ordinary,
     statistics,
 )
-from dynident.estimation.residual_correlation import count_correlation_freedom
+from dynident.estimation.parameter_covariance import select_fits
+from dynident.estimation.residual_correlation import compute_correlation_factors, count_correlation_freedom
 
 P, M, RATE = 5, 6000, 50.0
 
@@ -124,6 +125,34 @@ def test_the_factor_scatters_as_its_degrees_of_freedom_say():
     assert 15.0 < freedom < 45.0
     assert np.log(found).std() == pytest.approx(np.sqrt(2.0 / freedom), rel=0.25)
     assert count_correlation_freedom(reduced(w[:100], w[:100, 0], block_length=0.6).equations[0]) == 1.0
+
+
+def test_equations_that_share_their_parameters_lose_less_to_the_fit_than_each_to_one_of_its_own():
+    # Eight joints, ten seconds, all with the same parameters: a fit to one joint alone would take most of each block.
+    rng = np.random.default_rng(7)
+    joints, m, p, pole = 8, 500, 20, 0.5
+    taken_alone, together, freedom, promised, found = [], [], [], [], []
+    columns = [smooth(rng, (m, p), 0.98) for _ in range(joints)]
+    for _ in range(40):
+        rows = [np.column_stack([w, w @ np.ones(p) + smooth(rng, (m, 1), pole)[:, 0]]) for w in columns]
+        accumulator = FactorAccumulator([np.arange(p)] * joints, p, 0.5)
+        accumulator.push(np.arange(m) / RATE, rows)
+        reduction = accumulator.finish()
+        solution = solve_ordinary(reduction)
+        fits = select_fits(reduction, solution)
+        taken_alone.append(compute_correlation_factors(reduction, solution.values))
+        together.append(compute_correlation_factors(reduction, solution.values, fits))
+        freedom += [count_correlation_freedom(e, fit) for e, fit in zip(reduction.equations, fits, strict=True)]
+        certainty = statistics(reduction, solution, "by_joint")
+        np.testing.assert_allclose(certainty.effective_rows, m / together[-1])
+        promised.append(certainty.standard_deviations)
+        found.append(solution.values)
+    # Σ |a b|^|k| of two AR(1) series, as above.
+    expected = (1 + 0.98 * pole) / (1 - 0.98 * pole)
+    assert np.mean(taken_alone) > 1.25 * expected
+    assert np.mean(together) == pytest.approx(expected, rel=0.2)
+    np.testing.assert_allclose(np.mean(promised, axis=0), np.std(found, axis=0), rtol=0.35)
+    assert np.log(together).std(axis=0).mean() == pytest.approx(np.sqrt(2.0 / np.mean(freedom)), rel=0.25)
 
 
 def test_too_few_stretches_to_see_a_correlation_claim_none():

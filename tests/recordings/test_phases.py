@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.recordings import Preprocessing, Recording, recording_from_arrays
-from dynident.recordings.joint_phases import STANDS, Phase, compute_smear_width, find_phases
+from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
+from dynident.recordings.joint_phases import STANDS, Phase, compute_smear_width, find_filtered_phases, find_phases
 
 QUANTUM = 2 * np.pi / 2**18
 
@@ -97,6 +97,26 @@ def test_free_turns_are_never_taken_for_sticking(frequency, amplitude, rate, cou
 def test_the_width_of_a_halt_is_that_of_the_lower_filter():
     assert compute_smear_width(Preprocessing(10.0, 5.0), 1000.0) == pytest.approx(0.2005)
     assert compute_smear_width(Preprocessing(None, None), 100.0) == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("cutoff", [10.0, 40.0])
+def test_a_joint_reverses_where_only_the_filter_makes_it(cutoff):
+    rate = 1000.0
+    t = np.arange(0.0, 6.0, 1.0 / rate)
+    # It brakes within 50 ms to a creep, and goes on. It never reverses, but a filter of high order overshoots.
+    speed = np.interp(t, [0.0, 2.0, 2.05, 4.0, 4.05, 6.0], [10.0, 10.0, 0.03, 0.03, 10.0, 10.0])
+    q = (np.cumsum(speed) / rate)[:, None]
+    made = recording_from_arrays(t, q, np.zeros_like(q), joint_names=("joint1",), name="creep")
+    filters = Preprocessing(cutoff, cutoff, filter_order=10)
+    wrong = np.concatenate([block.t[block.dq[:, 0] < 0] for block in filtered_blocks(made, filters)])
+    assert len(wrong) > 5
+    assert len(find_phases(made).halts[0][0].starts) == 0
+    phases = find_filtered_phases(made, filters)
+    width = compute_smear_width(filters, rate)
+    assert (phases.phases_at(0, wrong, width) == Phase.REVERSING).all()
+    assert (phases.phases_at(0, np.array([1.0, 3.0, 5.0]), width) == Phase.MOVING).all()
+    # Without a filter nothing overshoots.
+    assert len(find_filtered_phases(made, Preprocessing(None, cutoff)).halts[0][0].starts) == 0
 
 
 def test_what_hardly_creeps_in_one_run_stands_there_and_is_no_slow_joint():

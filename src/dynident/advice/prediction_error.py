@@ -23,7 +23,7 @@ from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation.parameter_covariance import compute_sandwich_covariance
+from dynident.estimation.parameter_covariance import compute_sandwich_covariance, select_fits
 from dynident.estimation.residual_correlation import count_correlation_freedom
 from dynident.excitation import CriterionChoice, Design
 from dynident.excitation.criteria.design_criterion import select_parameters
@@ -244,14 +244,11 @@ def _build_pooling_weights(has_rows: BoolArray) -> FloatArray:
 
 
 def _count_pooled_freedom(identification: Identification) -> float:
-    """Return the degrees of freedom of the pooled factor that is known worst.
-
-    The blocks of one parameter give a handful, and that of its intervals swings with every run: stated errors of the
-    torque would with it.
-    """
+    """Return the degrees of freedom of the pooled factor that is known worst; those of one parameter are a handful."""
     training = identification.data.training
     has_rows = training.row_counts > 0
-    own = np.array([count_correlation_freedom(equation) for equation in training.equations])
+    fits = select_fits(training, identification.estimate.solution)
+    own = np.array([count_correlation_freedom(e, fit) for e, fit in zip(training.equations, fits, strict=True)])
     # The variance of the logarithm of a mean square is 2 over its degrees of freedom.
     spread = _build_pooling_weights(has_rows)[has_rows] ** 2 @ (1.0 / own)
     return float(1.0 / spread.max()) if len(spread) else 1.0

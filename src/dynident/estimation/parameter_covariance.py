@@ -388,7 +388,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     Statistics
         Covariance, effective numbers of rows, noise and degrees of freedom.
     """
-    inflation = compute_correlation_factors(reduction, solution.values)
+    inflation = compute_correlation_factors(reduction, solution.values, select_fits(reduction, solution))
     noise = compute_residual_noise(reduction, solution.values)
     worth = reduction.row_counts / inflation
     if kind == "by_time_and_joints" and find_occupied_blocks(reduction).sum() >= FEWEST_CLUSTERS:
@@ -400,6 +400,21 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     freedom = np.full(reduction.n_columns, np.inf)
     freedom[~solution.is_held] = compute_row_freedom(reduction.row_counts / counted, int(np.sum(~solution.is_held)))
     return Statistics(covariance, worth, noise, freedom)
+
+
+def select_fits(reduction: Reduction, solution: Solution) -> list[FloatArray]:
+    """Return the covariance (p_j, p_j) of the parameters of every equation, over the variance of its rows.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    """
+    inverse, equations = solution.normal_inverse, reduction.equations
+    return [
+        inverse[np.ix_(equation.columns, equation.columns)] / sigma**2
+        for equation, sigma in zip(equations, solution.noise, strict=True)
+    ]
 
 
 def compute_sandwich_covariance(reduction: Reduction, solution: Solution, inflation: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from dynident.estimation.triangular_factors import EquationFactors, Reduction
 _FEWEST_BLOCKS = 5
 
 
-def compute_correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
+def compute_correlation_factor(equation: EquationFactors, values: FloatArray, fit: FloatArray | None = None) -> float:
     """Return by how much the rows of one equation overstate the information in them, at least 1.
 
     Parameters
@@ -26,6 +26,9 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray) ->
         The rows of one equation, by blocks of time.
     values : (c,)
         Parameters χ at which the residuals are taken.
+    fit : (p, p), optional
+        Covariance M of this equation's parameters in the fit that the residuals are of, over the variance σ² of its
+        rows; by default A⁻¹, that of a fit to these rows alone.
 
     Returns
     -------
@@ -35,17 +38,22 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray) ->
     Notes
     -----
     With g_s = W_sᵀρ_s the score of block s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
-    residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself removes.
+    residuals of the same size, σ² (p - Σ tr(A⁻¹A_s M A_s)); the second term is what the fit itself removes. Joints
+    share most of their parameters, so that a fit to all joints removes much less of each than one to its rows alone.
     """
     # Residuals of the factors, not of the rows: Wᵀρ and ρᵀρ of a block are the same for both.
     rests = equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns]
     rows = float(equation.counts.sum())
     if not _is_determined(equation.factors[:, :, :-1], rows):
         return 1.0
-    return _compute_overstatement_of_whitened(equation.whitened_columns, rests, rows)
+    columns = equation.whitened_columns
+    share = None if fit is None or columns is None else _whiten_fit(equation, columns, fit)
+    return _compute_overstatement_of_whitened(columns, rests, rows, share)
 
 
-def compute_correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
+def compute_correlation_factors(
+    reduction: Reduction, values: FloatArray, fits: Sequence[FloatArray] | None = None
+) -> FloatArray:
     """Return by how much the rows of every equation overstate the information in them.
 
     Parameters
@@ -54,13 +62,18 @@ def compute_correlation_factors(reduction: Reduction, values: FloatArray) -> Flo
         The equations as triangular factors, by blocks of time.
     values : (c,)
         Parameters χ at which the residuals are taken.
+    fits : n of (p_j, p_j), optional
+        Covariances of the parameters as `compute_correlation_factor` takes them.
 
     Returns
     -------
     (n,) array
         Correlation factors, at least 1.
     """
-    return np.array([compute_correlation_factor(equation, values) for equation in reduction.equations])
+    each = [None] * len(reduction.equations) if fits is None else fits
+    return np.array(
+        [compute_correlation_factor(e, values, fit) for e, fit in zip(reduction.equations, each, strict=True)]
+    )
 
 
 def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
@@ -81,13 +94,15 @@ def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray
     return reduction.row_counts / compute_correlation_factors(reduction, values)
 
 
-def count_correlation_freedom(equation: EquationFactors) -> float:
+def count_correlation_freedom(equation: EquationFactors, fit: FloatArray | None = None) -> float:
     """Return the degrees of freedom with which an equation's correlation factor is known, at least 1.
 
     Parameters
     ----------
     equation : EquationFactors
         The rows of one equation, by blocks of time.
+    fit : (p, p), optional
+        Covariance of its parameters as `compute_correlation_factor` takes it.
 
     Returns
     -------
@@ -100,10 +115,20 @@ def count_correlation_freedom(equation: EquationFactors) -> float:
         return 1.0
     grams = columns.rows.transpose(0, 2, 1) @ columns.rows
     squares = grams @ grams
-    trace = columns.count - columns.spread
-    # The residuals are those of a fit, which takes its own part out of every block's score.
-    cubes, overlap = float(np.sum(squares * grams)), float(np.sum(squares.sum(axis=0) ** 2))
-    return max(1.0, trace**2 / max(columns.spread - 2.0 * cubes + overlap, np.finfo(float).tiny))
+    share = np.eye(columns.count) if fit is None else _whiten_fit(equation, columns, fit)
+    # The residuals are those of a fit, which takes its own part out of every block's score: of blocks s and t together
+    # these are δ G_s - G_s M G_t.
+    taken = squares @ share
+    trace = columns.count - float(np.trace(taken.sum(axis=0)))
+    overlap = taken.sum(axis=0)
+    cubes, crossed = float(np.sum(taken * grams)), float(np.sum(overlap * overlap.T))
+    return max(1.0, trace**2 / max(columns.spread - 2.0 * cubes + crossed, np.finfo(float).tiny))
+
+
+def _whiten_fit(equation: EquationFactors, columns: WhitenedColumns, fit: FloatArray) -> FloatArray:
+    """Return the covariance (p, p) of a fit in coordinates in which the columns are whitened."""
+    coordinates = np.einsum("smi,smj->ij", columns.rows, equation.factors[:, :, :-1], optimize=True)
+    return np.asarray(coordinates @ fit @ coordinates.T)
 
 
 def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
@@ -135,13 +160,20 @@ def _is_determined(w: FloatArray, rows: float) -> bool:
     return bool(n_blocks >= _FEWEST_BLOCKS and k > 0 and rows > k)
 
 
-def _compute_overstatement_of_whitened(columns: WhitenedColumns | None, rests: FloatArray, rows: float) -> float:
+def _compute_overstatement_of_whitened(
+    columns: WhitenedColumns | None, rests: FloatArray, rows: float, share: FloatArray | None = None
+) -> float:
+    """Return the correlation factor; `share` is the covariance of the fit in whitened coordinates, if not one."""
     if columns is None:
         return 1.0
+    fitted, removed = float(columns.count), columns.spread
+    if share is not None:
+        grams = columns.rows.transpose(0, 2, 1) @ columns.rows
+        fitted, removed = float(np.trace(share)), float(np.sum((grams @ share) * grams))
     # With whitened columns A is one, so that the score's weighted square is a plain sum of squares.
     scores = (rests[:, None, :] @ columns.rows)[:, 0]
-    variance = float(np.sum(rests * rests)) / max(rows - columns.count, 1.0)
-    expected = variance * (columns.count - columns.spread)
+    variance = float(np.sum(rests * rests)) / max(rows - fitted, 1.0)
+    expected = variance * (columns.count - removed)
     if expected <= 0 or variance == 0:
         return 1.0
     # Below one would mean that rows hold more than their own number of samples: it is chance, and is not used.

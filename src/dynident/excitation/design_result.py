@@ -184,7 +184,9 @@ class Design(KnownNames):
 def expect_recording(design: Design, last: Recording) -> Recording:
     """Return the recording that a motion will have, without torque.
 
-    A joint that stuck at nearly all of its reversals in the last recording will stick for the shortest time of these.
+    A joint that stuck at nearly all of its reversals in the last recording will stick again, until the plan is as far
+    ahead of it as it was there: a controller overcomes friction by the error of the position. The faster the joint
+    reverses, the sooner that is.
 
     Parameters
     ----------
@@ -204,19 +206,42 @@ def expect_recording(design: Design, last: Recording) -> Recording:
         for pair in ((design.q, design.dq), (design.dq, design.ddq))
     )
     q = planned.copy()
-    for j, halts in enumerate(zip(*find_phases(last).halts, strict=True)):
-        fields = ((each.turns, each.sticks, each.ends - each.starts) for each in halts)
-        turns, sticks, lengths = (np.concatenate(parts) for parts in zip(*fields, strict=True))
-        sticks &= turns
-        if not sticks.any() or sticks.sum() < _MOST * turns.sum():
-            continue
-        hold = float(lengths[sticks].min())
-        for k in np.flatnonzero(dq[:-1, j] * dq[1:, j] < 0):
+    for j, lag in enumerate(_measure_lags(last)):
+        for k in np.flatnonzero(dq[:-1, j] * dq[1:, j] < 0) if lag > 0.0 else ():
+            hold = int(np.argmax(np.abs(planned[k:, j] - planned[k, j]) > lag))
             # It holds its position, and catches up in as long a time.
-            after = slice(k, k + round(2 * hold / last.period))
-            late = t[k] + np.maximum(0.0, 2 * (t[after] - t[k] - hold))
+            after = slice(k, k + 2 * hold)
+            late = t[k] + np.maximum(0.0, 2 * (t[after] - t[k] - hold * last.period))
             q[after, j] = np.interp(late, t, planned[:, j])
     return recording_from_arrays(t, q, np.zeros_like(q), joint_names=last.joint_names, name=last.name)
+
+
+def _measure_lags(recording: Recording) -> FloatArray:
+    """Return how far each joint's plan is ahead (n,) when it breaks loose at a reversal, at most of its reversals."""
+    positions, lags = _read_positions(recording), np.zeros(recording.n)
+    for j, halts in enumerate(zip(*find_phases(recording).halts, strict=True)):
+        own = []
+        for each, segment in zip(halts, recording.segments, strict=True):
+            first = np.rint((each.starts - segment.start_time) / recording.period).astype(int)
+            rows = np.maximum(1, np.rint((each.ends - each.starts) / recording.period)).astype(int)
+            is_inside = each.turns & (first >= 2 * rows)
+            first, rows = first[is_inside] + segment.first_row, rows[is_inside]
+            # Speed and acceleration as the joint comes in, from positions as long before as the halt lasts.
+            near, before, far = (positions[first - k * rows, j] for k in range(3))
+            time = rows * recording.period
+            acceleration = np.abs(near - 2.0 * before + far) / time**2
+            speed = np.abs(near - before) / time - 0.5 * acceleration * time
+            # By the plan it would have stopped then, and have turned back since.
+            stopping = np.divide(speed, acceleration, out=np.zeros(len(time)), where=acceleration > 0.0)
+            lag = 0.5 * acceleration * np.clip(time - stopping, 0.0, time) ** 2
+            own += np.where(each.sticks[is_inside], lag, 0.0).tolist()
+        lags[j] = np.quantile(own, 1.0 - _MOST, method="lower") if own else 0.0
+    return lags
+
+
+def _read_positions(recording: Recording) -> FloatArray:
+    columns = load_stored_samples(recording).columns
+    return np.column_stack([columns[f"q_{name}"] for name in recording.joint_names])
 
 
 def follows_design(recording: Recording, design: Design) -> bool:
@@ -230,8 +255,7 @@ def follows_design(recording: Recording, design: Design) -> bool:
         The planned motion.
     """
     # Of all recorded rows: filters cut the ends of a short motion off, where its speed may be highest.
-    columns = load_stored_samples(recording).columns
-    positions = np.column_stack([columns[f"q_{name}"] for name in recording.joint_names])
+    positions = _read_positions(recording)
     # (1 / ω)² of each joint.
     times = np.full(recording.n, np.inf)
     power = np.mean(design.ddq**2, axis=0)

@@ -21,50 +21,9 @@ from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.pose_recordings import has_poses
-from dynident.recordings.position_filter import READ_LENGTH
+from dynident.recordings.position_filter import READ_LENGTH, filtered_blocks
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.recording import Recording
-
-_SLOWEST = 5e-3
-"""Speed in rad/s or m/s below which a joint may as well stick."""
-
-_STILL = 2e-3
-"""Speed in rad/s or m/s that filtered noise gives a joint at rest."""
-
-_STILL_SHARE = 0.02
-"""Share of the moving joint's speed that the others may have: a controller does not hold them perfectly."""
-
-_DOUBLING = 0.25
-"""Seconds in which the speed may double at the earliest: slower changes than that are nearly none."""
-
-
-def find_sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
-    """Return which joint alone moves at nearly constant velocity.
-
-    Parameters
-    ----------
-    dq, ddq : (m, n)
-        Filtered velocities (rad/s, m/s) and accelerations.
-
-    Returns
-    -------
-    (m,) of int
-        -1 if none does.
-    """
-    speed = np.abs(dq)
-    first = np.argmax(speed, axis=1)
-    rows = np.arange(len(speed))
-    fastest = speed[rows, first]
-    others = speed.copy()
-    others[rows, first] = 0.0
-    # A joint that is held shows noise at any speed, and gives way the more, the faster the other one moves. A robot of
-    # one joint has no others: it counts as alone.
-    alone = others.max(axis=1, initial=0.0) <= np.maximum(_STILL, _STILL_SHARE * fastest)
-    # As a product: the acceleration of a joint at rest may be zero.
-    steady = np.abs(ddq[rows, first]) * _DOUBLING <= fastest
-    is_sole: BoolArray = alone & steady & (fastest >= _SLOWEST)
-    return np.where(is_sole, first, -1).astype(np.int64)
-
 
 SLOW = 0.01
 """Speed in rad/s or m/s below which a joint may as well stand: half and four times as much change little
@@ -144,6 +103,19 @@ class Halts:
         begun = np.searchsorted(starts, t, side="right")
         over = np.searchsorted(ends, t, side="left")
         return np.asarray(begun > over)
+
+    def with_reversals(self, t: FloatArray, width: float) -> Halts:
+        """Return the same with reversals where t (m,) is far from any halt; those nearer than two widths are one."""
+        t = t[~self.is_near(t, width, width, np.ones(len(self.starts), dtype=bool))]
+        if not len(t):
+            return self
+        gaps = np.diff(t) > 2.0 * width
+        starts = np.concatenate([self.starts, t[np.append(True, gaps)]])
+        ends = np.concatenate([self.ends, t[np.append(gaps, True)]])
+        none = np.zeros(len(starts) - len(self.starts), dtype=bool)
+        order = np.argsort(starts)
+        both = (np.concatenate([own, none])[order] for own in (self.sticks, self.turns))
+        return Halts(starts[order], ends[order], *both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +205,7 @@ class PhaseShares:
 
 # Computed once for each recording, and kept as long as it lives: it takes two passes over the positions.
 _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
+_known_filtered: WeakKeyDictionary[Recording, dict[tuple[float, int, float], Phases]] = WeakKeyDictionary()
 
 
 def find_phases(recording: Recording) -> Phases:
@@ -240,6 +213,44 @@ def find_phases(recording: Recording) -> Phases:
     if recording not in _known:
         _known[recording] = find_passive_phases(recording, lambda q: q, recording.n)
     return _known[recording]
+
+
+def find_filtered_phases(recording: Recording, preprocessing: Preprocessing) -> Phases:
+    """Return the phases of a recording with the reversals that the filter of its positions makes, computed once.
+
+    The filter overshoots where a joint brakes from full speed to a creep: for some rows the filtered joint moves the
+    other way, and friction has the wrong sign. Where the filtered speed changes its sign and no halt is near, the joint
+    counts as reversing, from the first change to the last.
+
+    Parameters
+    ----------
+    recording : Recording
+        The checked recording.
+    preprocessing : Preprocessing
+        The filters.
+    """
+    if preprocessing.position_cutoff is None or has_poses(recording):
+        return find_phases(recording)
+    width = compute_smear_width(preprocessing, recording.sampling_rate)
+    filters = preprocessing.position_cutoff, preprocessing.filter_order, width
+    of_filters = _known_filtered.setdefault(recording, {})
+    if filters not in of_filters:
+        segments = zip(find_phases(recording).halts, _find_sign_changes(recording, preprocessing), strict=True)
+        joined = (tuple(own.with_reversals(t, width) for own, t in zip(*both, strict=True)) for both in segments)
+        of_filters[filters] = Phases(tuple(joined))
+    return of_filters[filters]
+
+
+def _find_sign_changes(recording: Recording, preprocessing: Preprocessing) -> list[list[FloatArray]]:
+    """Return the times, by segment and joint, at which the filtered speed changes its sign."""
+    times: list[list[list[FloatArray]]] = [[[] for _ in range(recording.n)] for _ in recording.segments]
+    last: FloatArray = np.zeros((0, recording.n))
+    for block in filtered_blocks(recording, preprocessing):
+        signs = np.sign(np.concatenate([block.dq[:1] if block.starts_segment else last, block.dq]))
+        last = block.dq[-1:] if len(block.dq) else last
+        for j, changed in enumerate((signs[1:] * signs[:-1] < 0.0).T):
+            times[block.segment][j].append(block.t[changed])
+    return [[np.concatenate([np.zeros(0), *of_joint]) for of_joint in segment] for segment in times]
 
 
 def find_passive_phases(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:

@@ -25,8 +25,8 @@ from dynident.recordings.joint_phases import (
     PhaseArray,
     Phases,
     compute_smear_width,
+    find_filtered_phases,
     find_passive_phases,
-    find_phases,
 )
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot.contacts import find_mixed_joints
@@ -126,7 +126,7 @@ class RowPhases:
         cutoff = preprocessing.position_cutoff
         # A thousandth of a period more, so that rounding does not decide.
         margin = (0.0 if cutoff is None else _SMEARED / cutoff) + 1e-3 * recording.period
-        phases = find_phases(recording)
+        phases = find_filtered_phases(recording, preprocessing)
         starting = find_starting_joints(observation)
         felt = _find_passive_friction(observation, first)
         passive = _find_passive_phases(recording, observation.robot.linkage) if felt.any() else None
