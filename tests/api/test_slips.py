@@ -62,6 +62,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "truth for a number": (lambda d: d["model"].wald_test({"Fc1": True}), "give values by the names"),
     "a number of a joint": (lambda d: dy.diagnose(d["model"]).why_not("backlash", 2), "there is no joint '2'"),
     "a parameter that equals itself": (lambda d: d["model"].wald_test({"Fc1": "Fc1"}), "give values by the names"),
+    "one condition twice": (lambda d: d["model"].wald_test({"Fc1": "Fv1", "Fv1": "Fc1"}), "says one thing twice"),
     "an unknown parameter to equal": (lambda d: d["model"].wald_test({"Fc1": "Fc9"}), "there is no parameter 'Fc9'"),
     "no number to test": (lambda d: d["model"].wald_test({"Fc1": float("nan")}), "give values by the names"),
     "a window backwards": (lambda d: d["read"](windows=[(5, 1)]), "end must be later"),

@@ -119,6 +119,25 @@ def test_a_joint_reverses_where_only_the_filter_makes_it(cutoff):
     assert len(find_filtered_phases(made, Preprocessing(None, cutoff)).halts[0][0].starts) == 0
 
 
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+@pytest.mark.parametrize("make", ["coarse encoder", "noise", "ripple"])
+def test_a_slow_joint_whose_filtered_speed_wavers_still_moves(rate, make):
+    t = np.arange(0.0, 30.0, 1.0 / rate)
+    q = 0.01 * t
+    if make == "coarse encoder":
+        q = np.round(q / (2 * np.pi / 4096)) * (2 * np.pi / 4096)
+    elif make == "noise":
+        q = q + 4e-4 * np.random.default_rng(1).normal(size=len(t))
+    else:
+        q = q + 3e-4 * np.sin(2 * np.pi * 8.0 * t)
+    made = recording_from_arrays(t, q[:, None], np.zeros((len(t), 1)), joint_names=("joint1",), name=make)
+    filters = Preprocessing(20.0, 20.0)
+    assert any((block.dq < 0).any() for block in filtered_blocks(made, filters))
+    width = compute_smear_width(filters, rate)
+    before, after = (found.phases_at(0, t, width) for found in (find_phases(made), find_filtered_phases(made, filters)))
+    assert (before == after).mean() > 0.99
+
+
 def test_what_hardly_creeps_in_one_run_stands_there_and_is_no_slow_joint():
     rate = 400.0
     rng = np.random.default_rng(3)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -53,8 +54,8 @@ class LinkUnknowns:
         Indices of the unknowns among `model.columns`: ten a link, then one a rotor.
     scale, nominal : ndarray (k,)
         Usual error of the description, and its values.
-    alone : bool
-        Whether everything else that the model has may change.
+    file_model : Model or None
+        The model of a file: what it lacks is left out, and may take what it shares with links and rotors along.
     """
 
     model: Model
@@ -63,7 +64,7 @@ class LinkUnknowns:
     columns: IndexArray
     scale: FloatArray
     nominal: FloatArray
-    alone: bool = False
+    file_model: Model | None = None
 
     @classmethod
     def from_model(
@@ -72,7 +73,7 @@ class LinkUnknowns:
         *,
         rotors_in_links: bool = False,
         estimated: StandardParameters | None = None,
-        alone: bool = False,
+        file_model: Model | None = None,
     ) -> LinkUnknowns:
         """Return the unknowns of a model.
 
@@ -84,8 +85,8 @@ class LinkUnknowns:
             Leave out rotors whose inertia is grouped with that of links, so that the links have it all.
         estimated : StandardParameters, optional
             Nominal values instead of the description's.
-        alone : bool
-            Everything else that the model has may change.
+        file_model : Model, optional
+            The model of a file: what it lacks may take what it shares with links and rotors along.
 
         Raises
         ------
@@ -122,7 +123,7 @@ class LinkUnknowns:
         # description.
         if estimated is not None:
             nominal = estimated.values[columns]
-        return cls(model, links, rotors, columns, scale, nominal, alone)
+        return cls(model, links, rotors, columns, scale, nominal, file_model)
 
     @property
     def size(self) -> int:
@@ -138,19 +139,19 @@ class LinkUnknowns:
     def link_sums(self) -> FloatArray:
         """(e, b): the sums of base parameters that links and rotors have to give.
 
-        A constant torque on a vertical slide, say, is grouped with the mass that it carries. Where it may change, only
-        what is left when it is eliminated counts of the base parameters that hold it.
+        A constant torque on a vertical slide is grouped with the mass that it carries. Where a file leaves it out, only
+        what does not depend on it counts of the base parameters that hold it.
         """
         grouping, b = self.model.base.grouping, self.model.n_parameters
-        own = np.array([get_role(column) in ("link", "rotor") and not column.runs for column in self.model.columns])
-        if not self.alone:
-            return np.asarray(np.eye(b)[own[list(self.model.base.kept)]])
-        mixed = np.asarray(grouping[:, ~own].any(axis=1))
-        sums = compute_null_space(grouping[mixed][:, ~own].T).T
-        among = np.zeros((len(sums), b))
-        among[:, mixed] = sums
+        inertial = [get_role(column) in ("link", "rotor") and not column.runs for column in self.model.kept]
+        sums = np.eye(b)[inertial]
+        if self.file_model is None:
+            return sums
+        there = {column.key for column in self.file_model.columns}
+        lost = sums @ grouping[:, [column.key not in there for column in self.model.columns]]
+        mixed = np.asarray(lost.any(axis=1))
         # Parameters that nothing else is in stay apart: their sizes are very different.
-        return np.concatenate([np.eye(b)[~mixed], among])
+        return np.concatenate([sums[~mixed], compute_null_space(lost[mixed].T).T @ sums[mixed]])
 
     @cached_property
     def grouping(self) -> FloatArray:
@@ -270,7 +271,11 @@ class Completion:
 
 
 def complete_parameters(
-    identification: Identification, *, nearest: bool = False, rotors_in_links: bool = False, links_alone: bool = False
+    identification: Identification,
+    *,
+    nearest: bool = False,
+    rotors_in_links: bool = False,
+    file_model: Model | None = None,
 ) -> Completion:
     """Return feasible standard parameters that give the identified base parameters exactly.
 
@@ -282,9 +287,9 @@ def complete_parameters(
         If there are none, return those with the nearest torque along the identification's data instead, and a note.
     rotors_in_links : bool
         Give rotors only what cannot belong to the links.
-    links_alone : bool
-        Everything else is fitted again in any case: neither negative friction nor what links share with a constant
-        torque is a hindrance.
+    file_model : Model, optional
+        The model of a file that lacks effects. Its friction is fitted again, so that negative friction is no hindrance;
+        nor is a constant torque that links would have to make up for.
 
     Returns
     -------
@@ -297,15 +302,18 @@ def complete_parameters(
         If there are none and `nearest` is not set (naming the links), or the model has no rigid body.
     """
     values = identification.values
-    blamed = [] if links_alone else _describe_negative_friction(identification.estimate)
+    blamed = _describe_negative_friction(identification.estimate) if file_model is None else []
     margins = _SMALL_MARGINS if identification.choices.solver.possible_bodies else _MARGINS
-    # If the links cannot take the rotors' inertia, try again with rotors of their own.
-    for merged in (True, False) if rotors_in_links else (False,):
+    # If the links cannot take the rotors' inertia, try again with rotors of their own; if they cannot take all that is
+    # grouped with them, without what the file lacks.
+    for lacking, merged in product(
+        (None,) if file_model is None else (None, file_model), (True, False) if rotors_in_links else (False,)
+    ):
         unknowns = LinkUnknowns.from_model(
             identification.model,
             rotors_in_links=merged,
             estimated=identification.estimate.standard,
-            alone=links_alone,
+            file_model=lacking,
         )
         equations = _build_equations(unknowns, values)
         completed = _solve_completion(unknowns, equations, values, margins)
@@ -420,8 +428,9 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
     after = compute_errors(data.torque, values).relative_total
     note = (
         f"These are not the identified parameters but the nearest feasible ones. Not feasible: {'; '.join(blamed)}. On "
-        f"the data of the identification the torque differs by {_describe_torque_difference(identification, values)} "
-        f"(rms), and its relative error is {format_percent(after)} instead of "
+        "the data of the identification the torque of the whole model differs by "
+        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is "
+        f"{format_percent(after)} instead of "
         f"{format_percent(before)}."
     )
     unknowns = LinkUnknowns.from_model(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -272,13 +272,19 @@ class FeasibleLinks:
         """
         check_base(identification)
         fitted = projected = project_model(identification, held)
-        whole, impossible = fitted is identification, None
+        complete = partial(
+            complete_parameters,
+            identification,
+            rotors_in_links=rotors_in_links,
+            file_model=None if fitted is identification else fitted.model,
+        )
+        impossible = None
         try:
-            standard = complete_parameters(identification, rotors_in_links=rotors_in_links, links_alone=not whole)
+            standard = complete()
         except DynidentError as error:
             impossible = error
-            standard = complete_parameters(identification, nearest=True, rotors_in_links=rotors_in_links)
-        if not whole:
+            standard = complete(nearest=True)
+        if fitted is not identification:
             projected = fit_beside_links(identification, fitted, standard)
             standard = replace_friction(standard, fitted.model, projected.values)
         # Bodies that predict held-out data as well are no loss: the user need not ask for them.
@@ -312,9 +318,10 @@ class FeasibleLinks:
             if choice not in choices_in_file
         ]
         if left_out:
+            bodies = "as identified" if self.standard.exact else "the nearest to the identified ones that can exist"
             left_out.append(
-                "Links and rotors are as identified; what else the file holds was fitted to the data again without "
-                "these effects."
+                f"Links and rotors are {bodies}; what else the file holds was fitted to the data again without these "
+                "effects."
             )
         notes = [*self.cost.describe(), *self.standard.notes, *left_out]
         if self.rounding_error > SMALL:

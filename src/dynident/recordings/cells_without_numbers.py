@@ -363,11 +363,13 @@ def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -
         if kind is None or any(len({word for word in row if word}) < len(columns) for row in rows):
             continue
         signals: dict[str, tuple[str, ...]] = {}
+        taken: set[str] = set()
         for other, places in numbers.items():
             # Of two numbers that may count the joints the first one does.
-            is_free = not {*chain(*signals.values())} & {*places.values()}
-            if other.startswith(kind["prefix"]) and places.keys() == columns.keys() and is_free:
+            fits = other.startswith(kind["prefix"]) and places.keys() == columns.keys()
+            if fits and taken.isdisjoint(places.values()):
                 signals[other] = tuple(places.values())
+                taken.update(places.values())
         joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
         if signals and len(joints) <= _MOST_JOINTS:
             tables.append(_NamedTable(tuple((column,) for column in columns.values()), joints, signals))

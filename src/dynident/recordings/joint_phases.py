@@ -56,6 +56,9 @@ third (`benchmarks/standing_rows.py`): nobody can tell them from a turn."""
 _UNTOLD = 0.2
 """Share of its rms speed that a joint's speed is uncertain by, from where on nobody can tell when it stands."""
 
+_GIBBS = 0.09
+"""Share of a step that a filter overshoots by: Gibbs's limit, which a Butterworth filter of high order comes near."""
+
 _SURVEYED = 16384
 """Samples that the resolution of the positions is told from."""
 
@@ -235,22 +238,34 @@ def find_filtered_phases(recording: Recording, preprocessing: Preprocessing) -> 
     filters = preprocessing.position_cutoff, preprocessing.filter_order, width
     of_filters = _known_filtered.setdefault(recording, {})
     if filters not in of_filters:
-        segments = zip(find_phases(recording).halts, _find_sign_changes(recording, preprocessing), strict=True)
+        segments = zip(find_phases(recording).halts, _find_overshoots(recording, preprocessing, width), strict=True)
         joined = (tuple(own.with_reversals(t, width) for own, t in zip(*both, strict=True)) for both in segments)
         of_filters[filters] = Phases(tuple(joined))
     return of_filters[filters]
 
 
-def _find_sign_changes(recording: Recording, preprocessing: Preprocessing) -> list[list[FloatArray]]:
-    """Return the times, by segment and joint, at which the filtered speed changes its sign."""
+def _find_overshoots(recording: Recording, preprocessing: Preprocessing, width: float) -> list[list[FloatArray]]:
+    """Return the times, by segment and joint, at which the filtered speed changes its sign by an overshoot.
+
+    Speeds within two widths (s) of it are of one sign but for what a filter overshoots by. Noise, coarse encoders and
+    ripples make speeds of both signs.
+    """
     times: list[list[list[FloatArray]]] = [[[] for _ in range(recording.n)] for _ in recording.segments]
-    last: FloatArray = np.zeros((0, recording.n))
+    before = np.zeros(0), np.zeros((0, recording.n))
     for block in filtered_blocks(recording, preprocessing):
-        signs = np.sign(np.concatenate([block.dq[:1] if block.starts_segment else last, block.dq]))
-        last = block.dq[-1:] if len(block.dq) else last
-        for j, changed in enumerate((signs[1:] * signs[:-1] < 0.0).T):
-            times[block.segment][j].append(block.t[changed])
-    return [[np.concatenate([np.zeros(0), *of_joint]) for of_joint in segment] for segment in times]
+        if block.starts_segment:
+            before = before[0][:0], before[1][:0]
+        t, speed = (np.concatenate(pair) for pair in zip(before, (block.t, block.dq), strict=True))
+        reach = ceil(2.0 * width / (recording.period * (preprocessing.decimation or 1)))
+        for j, own in enumerate(speed.T):
+            for k in np.flatnonzero(own[1:] * own[:-1] < 0.0):
+                # Those with too few rows behind them come again with the next block.
+                near = own[max(0, k - reach) : k + reach + 2]
+                low, high = sorted((-float(near.min()), float(near.max())))
+                if low <= _GIBBS * high and high > _FASTER * SLOW:
+                    times[block.segment][j].append(t[k : k + 1])
+        before = t[-2 * reach - 2 :], speed[-2 * reach - 2 :]
+    return [[np.unique(np.concatenate([np.zeros(0), *of_joint])) for of_joint in segment] for segment in times]
 
 
 def find_passive_phases(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:

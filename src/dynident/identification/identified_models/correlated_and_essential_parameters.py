@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -352,26 +353,25 @@ def compute_test_of_values(identification: Identification, values: Mapping[str, 
         For a parameter that was not estimated, or too few blocks of time.
     """
     names, uncertainty = [column.name for column in identification.model.kept], identification.statistics
-    conditions, right = np.zeros((len(values), len(names))), np.zeros(len(values))
+    conditions, right = np.zeros((len(values), len(names))), [0.0 if isinstance(v, str) else v for v in values.values()]
     for row, (name, value) in enumerate(values.items()):
         for term, sign in ((name, 1.0), *(((value, -1.0),) if isinstance(value, str) else ())):
             check_unique(term, names, "values")
             conditions[row, names.index(term)] = sign
-        right[row] = 0.0 if isinstance(value, str) else value
-    tested = np.flatnonzero(conditions.any(axis=0))
-    fixed = [names[k] for k in tested if uncertainty.standard_deviations[k] == 0]
+    if np.linalg.matrix_rank(conditions) < len(values):
+        raise DynidentError("values says one thing twice; leave out what follows from the rest", pointer="values")
+    tested = conditions.any(axis=0)
+    fixed = [names[k] for k in np.flatnonzero(tested) if uncertainty.standard_deviations[k] == 0]
     if fixed:
         raise DynidentError(
             f"{', '.join(fixed)} was held or set and not estimated, so there is nothing to test",
-            pointer="values",
             title="Not estimated",
         )
     difference, freedom = conditions @ identification.values - right, float(uncertainty.freedom[tested].min())
     covariance = conditions @ uncertainty.covariance @ conditions.T
-    # One value is tested as its interval is: the two must not contradict each other.
-    if len(values) == 1:
-        return compute_wald_test(difference, covariance, freedom)
-    return _test_conditions(identification, difference, covariance, freedom)
+    # One value is tested as its interval is, lest the two contradict each other.
+    test = compute_wald_test if len(values) == 1 else partial(_test_conditions, identification)
+    return test(difference, covariance, freedom)
 
 
 def _test_conditions(

@@ -12,9 +12,9 @@ export async function nextRung(model, change, effects, said, signal) {
   await open(model, made, UNDER_WAY[change], "missing", said, signal);
 }
 
-/** Identify again as the model was, with another estimator, and go to the new model; `said` shows how far it is. */
+/** Identify again as the model was, with another estimator for all parameters at once, and go to the new model. */
 export async function identifyBy(model, estimator, said, signal) {
-  const made = await post("/identifications", { ...model.identification.request, estimator }, { signal });
+  const made = await post("/identifications", { ...model.identification.request, strategy: "global", estimator }, { signal });
   await open(model, made, "Identifying", "verdict", said, signal);
 }
 

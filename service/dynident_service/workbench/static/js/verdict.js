@@ -52,7 +52,8 @@ const DO_IT = "Do it here";
 function goOn(action, model, signal) {
   if (PLACES[action]) return button(() => goToTab(PLACES[action]));
   if (PAGES[action]) return h("a", { href: address({ view: PAGES[action], robot: model.robot.id }) }, DO_IT);
-  if (!ESTIMATORS[action]) return null;
+  const { estimator } = model.identification.request;
+  if (!ESTIMATORS[action] || ESTIMATORS[action] === (estimator.name ?? estimator)) return null;
   const said = h("div");
   const again = button(() => pressed(again, () => identifyBy(model, ESTIMATORS[action], said, signal), (error) => put(said, problemBox(error)), signal));
   return [again, said];
