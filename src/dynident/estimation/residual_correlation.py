@@ -174,6 +174,9 @@ def _compute_overstatement_of_whitened(
     scores = (rests[:, None, :] @ columns.rows)[:, 0]
     variance = float(np.sum(rests * rests)) / max(rows - fitted, 1.0)
     expected = variance * (columns.count - removed)
+    if expected <= 0 and share is not None:
+        # A fit that leaves nothing of the scores to judge by: its own part alone is then taken out.
+        return _compute_overstatement_of_whitened(columns, rests, rows)
     if expected <= 0 or variance == 0:
         return 1.0
     # Below one would mean that rows hold more than their own number of samples: it is chance, and is not used.
