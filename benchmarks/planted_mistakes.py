@@ -87,7 +87,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "all torques turned": ("torque_sign",),
     # Of an arm in a plane both are one, and both are said.
     "all positions turned": ("joint_sign", "torque_sign"),
-    "degrees": ("position_unit", "velocity_unit"),
+    "degrees": ("position_unit", "velocity_unit", "position_scale"),
     "all gains x 10": ("torque_scale", "saturation"),
     "one gain x 10": ("torque_scale", "saturation"),
     "outer gains": ("torque_scale",),

@@ -255,6 +255,14 @@ def test_a_position_by_another_gear_ratio_is_named_with_its_factor(seed: int, jo
     assert "another gear ratio" in check.detail
 
 
+def test_degrees_of_a_slow_motion_are_told_by_the_load() -> None:
+    motion, tau = measured()
+    slow = Motion(motion.t, *(np.rad2deg(signal) for signal in (motion.q, motion.dq, motion.ddq)))
+    (check,) = findings(record(ROBOT, slow, tau))
+    assert check.name == "position_scale"
+    assert "all positions (q1 … q6) are in degrees" in check.detail
+
+
 @pytest.mark.parametrize("joint", [1, 2])
 def test_a_pendulum_tells_the_gear_ratio_of_each_joint(joint: int) -> None:
     pendulum = robot_from_urdf("pendulum", PENDULUM)

@@ -259,6 +259,9 @@ def list_possible_faults(
         Joints that turn: their zeros may be a quarter or half a turn from the description's.
     """
     yield from _list_faults_of_many_joints(moving)
+    if revolute is not None and (revolute & moving).sum() > 1:
+        # Limits of speed do not tell degrees of a slow motion.
+        yield ColumnFault("position scaled", tuple(np.flatnonzero(revolute).tolist()), float(np.deg2rad(1.0)))
     yield from _list_reversed_order(moving)
     if parallel is not None:
         for index in np.flatnonzero(parallel & moving):

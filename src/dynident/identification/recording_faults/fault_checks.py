@@ -399,6 +399,7 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
                 "reaction torque"
             ),
             "position turned": f"all positions ({q[0]} … {q[-1]}) have the opposite sign",
+            "position scaled": f"all positions ({q[0]} … {q[-1]}) are in degrees",
         }
         return whole[fault.kind]
     of = " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
@@ -418,8 +419,8 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
             "fits the other joints"
         ),
         "position scaled": (
-            f"the position of {of} ({columns[0]}) is {1.0 / fault.factor:.3g} times the angle or distance that it "
-            "moves, as with another gear ratio or number of counts"
+            f"the position{plural} of {of} ({columns[0]}) {verb[1]} {1.0 / fault.factor:.3g} times the angle or "
+            "distance that moved, as with another gear ratio or number of counts"
         ),
     }
     return descriptions[fault.kind]
