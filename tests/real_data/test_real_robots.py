@@ -224,23 +224,11 @@ def with_factor(columns: Columns, factor: float, *names: str) -> Columns:
     return columns | {name: factor * columns[name] for name in names if name in columns}
 
 
-def at_motors(columns: Columns, first: int, second: int) -> Columns:
-    """Two joints as the motors of a differential have them, which turn by their sum and their difference."""
-    changed = dict(columns)
-    for kind, size in (("q", 0.5), ("dq", 0.5), ("ddq", 0.5), ("tau", 1.0)):
-        names = f"{kind}{first}", f"{kind}{second}"
-        if names[0] in columns:
-            a, b = (columns[name] for name in names)
-            changed |= {names[0]: size * (a + b), names[1]: size * (a - b)}
-    return changed
-
-
 @pytest.mark.parametrize(
     ("name", "file", "spoil", "cause"),
     [
         ("airbot_play", "cv_trapezoidal", lambda columns: with_zero(columns, 4, 0.46), "joint_zero"),
-        # Friction explains most of the torque of one of them, whatever the angles are.
-        ("airbot_play", "cv_trapezoidal", lambda columns: at_motors(columns, 4, 5), "joint_coupling"),
+        ("airbot_play", "chirp_loaded", lambda columns: with_factor(columns, -1.0, "q4", "dq4", "tau4"), "joint_sign"),
         # It changes next to nothing, and all zeros together would explain a little.
         ("airbot_play", "cv_trapezoidal", lambda columns: with_factor(columns, 0.8, "q6", "dq6", "ddq6"), None),
         # Gravity elsewhere would explain as much.
@@ -254,7 +242,7 @@ def at_motors(columns: Columns, first: int, second: int) -> Columns:
     ],
     ids=[
         "a small zero",
-        "a differential",
+        "a mirrored joint",
         "a small factor",
         "a large torque",
         "a gear ratio",
@@ -270,7 +258,7 @@ def test_the_masses_of_a_description_tell_mistakes_that_a_fit_alone_does_not(tmp
     if name == "ur10e":
         columns = {f"tau{column[7:]}" if "current" in column else column: values for column, values in columns.items()}
     pq.write_table(pa.table(spoil(columns)), tmp_path / "file.parquet")
-    metadata = RecordingMetadata(accept=("joint_coupling",))
+    metadata = RecordingMetadata(accept=("joint_sign",))
     _, checks = import_for_robot(arm, tmp_path / "file.parquet", tmp_path / "out.parquet", metadata)
     unusual = [check.name for check in checks if check.status != "ok" and check.name != "sampling_jitter"]
     assert unusual == ([cause] if cause else [])

@@ -196,8 +196,7 @@ factors near twice and half."""
 _TINY = 1e-4
 
 _MIXED = 0.1
-"""Share of the torque of one joint of a differential at least that is left while their columns are those of its motors.
-The other one may be explained by its friction alone."""
+"""Share of the torque of both joints of a differential that is left while their columns are those of its motors."""
 
 
 def list_angle_faults(robot: Robot, motion: Motion, fit: HeldOutFit, now: UnexplainedTorque) -> Iterator[ColumnFault]:
@@ -218,11 +217,11 @@ def list_angle_faults(robot: Robot, motion: Motion, fit: HeldOutFit, now: Unexpl
     is_wide = now.worst_share > _POORLY
     yield from estimate_zeros(robot, motion, fit, range(robot.n), is_wide=is_wide)
     yield from _estimate_scales(motion, fit, is_wide=is_wide)
-    crossed = turns & ~find_parallel_axes(robot)
+    crossed = turns & ~find_parallel_axes(robot) & (now.joints > _MIXED)
     for joint in range(1, robot.n):
         # The joint before may well have an axis parallel to that of the one before it.
-        is_pair = crossed[joint] and turns[joint - 1] and robot.joints[joint].parent == joint - 1
-        if is_pair and now.joints[[joint - 1, joint]].max() > _MIXED:
+        before = turns[joint - 1] and now.joints[joint - 1] > _MIXED and robot.joints[joint].parent == joint - 1
+        if crossed[joint] and before:
             yield from (ColumnFault("joints mixed", (joint - 1, joint), mixing=mixing) for mixing in MIXINGS)
 
 
