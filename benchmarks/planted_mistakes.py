@@ -4,23 +4,23 @@
 
 Every open recording and recordings of drawn arms, elastic and poorly excited ones among them, are read untouched, then
 with one mistake: torques, positions or both of two joints exchanged, a sign turned round, all signs, degrees for
-radians, gains ten times too large (all joints, each joint), the torque of the outer joints in counts, torque 20 ms late
-or early, gravity in another direction than the description has it, the load of gravity for a measurement, a joint
-counted from the one before or not homed, two joints logged at the motors of a differential, the description in grams,
-positions in counts of an encoder, torques in registers whose sign was not read, a joint without torque, torques in the
-order from the last joint on. `noticed`: a check warns or refuses that did not on the untouched file. `true first`: the
-first thing that is said is what was planted. `cured`: what the checks propose (their `apply`), applied one after the
-other, gives the untouched signals back, or ones that the robot's dynamics explain as well; of delays, what is said is
-what was planted and what the untouched file has, to 6 ms.
-`wrongly ordered`: what `--cure` makes of the file is read, and neither. `harmful` are those that let the unexplained
-share of the torque grow by a tenth, and those of unit, gain, delay and kind. `not told by the data`: of those that are
-not noticed, those that make no prediction of held-out torque surely worse (a likelihood ratio: by 2.5 standard errors
-among blocks of time, and by more than the best wrong change of the untouched file makes it better: another delay of an
-arm that gives, for one). Predictions are a fit of all parameters with constant torques, the masses of the description
-with a free gain, friction and constant of each joint, and, of gains, those at the stated size; each with the same
-filters on either side, at the cut-off of an identification and below. So are delays that, with that of the untouched
-file, are such as drives have. `share` is noticed of the others; `told, of noticed`: how many of those that are noticed
-the same ratio says that the data tell, a test of the ratio itself (`--test-ratio`).
+radians, positions of a joint by another gear ratio, gains ten times too large (all joints, each joint), the torque of
+the outer joints in counts, torque 20 ms late or early, gravity in another direction than the description has it, the
+load of gravity for a measurement, a joint counted from the one before or not homed, two joints logged at the motors of
+a differential, the description in grams, positions in counts of an encoder, torques in registers whose sign was not
+read, a joint without torque, torques in the order from the last joint on. `noticed`: a check warns or refuses that did
+not on the untouched file. `true first`: the first thing that is said is what was planted. `cured`: what the checks
+propose (their `apply`), applied one after the other, gives the untouched signals back, or ones that the robot's
+dynamics explain as well; of delays, what is said is what was planted and what the untouched file has, to 6 ms. `wrongly
+ordered`: what `--cure` makes of the file is read, and neither. `harmful` are those that let the unexplained share of
+the torque grow by a tenth, and those of unit, gain, delay and kind. `not told by the data`: of those that are not
+noticed, those that make no prediction of held-out torque surely worse (a likelihood ratio: by 2.5 standard errors among
+blocks of time, and by more than the best wrong change of the untouched file makes it better: another delay of an arm
+that gives, for one). Predictions are a fit of all parameters with constant torques, the masses of the description with
+a free gain, friction and constant of each joint, and, of gains, those at the stated size; each with the same filters on
+either side, at the cut-off of an identification and below. So are delays that, with that of the untouched file, are
+such as drives have. `share` is noticed of the others; `told, of noticed`: how many of those that are noticed the same
+ratio says that the data tell, a test of the ratio itself (`--test-ratio`).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from imports import DATA, SETS, robot_of
 from planted_arms import drawn_arms
 
 from dynident.api.robot_files import load_robot
-from dynident.identification.recording_faults.column_faults import Motion, is_possible_delay, list_possible_faults
+from dynident.identification.recording_faults.column_faults import Motion, list_possible_faults
 from dynident.identification.recording_faults.description_fit import measure_blocks_left_by_description
 from dynident.identification.recording_faults.fault_search import ALIKE
 from dynident.identification.recording_faults.joint_angle_faults import find_parallel_axes
@@ -55,6 +55,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     filter_whole_motion,
     filter_whole_motion_by,
     find_delay,
+    is_possible_delay,
     thin_out,
 )
 from dynident.identification.recording_faults.torque_scale import compute_described_load
@@ -86,7 +87,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "all torques turned": ("torque_sign",),
     # Of an arm in a plane both are one, and both are said.
     "all positions turned": ("joint_sign", "torque_sign"),
-    "degrees": ("position_unit", "velocity_unit"),
+    "degrees": ("position_unit", "velocity_unit", "position_scale"),
     "all gains x 10": ("torque_scale", "saturation"),
     "one gain x 10": ("torque_scale", "saturation"),
     "outer gains": ("torque_scale",),
@@ -102,6 +103,8 @@ NAMES: dict[str, tuple[str, ...]] = {
     "wraps": ("wrapped_angles", "position_unit"),
     "grams": ("description_units",),
     "counts": ("position_unit",),
+    # A limit that a joint leaves is as good a sign of it.
+    "position scaled": ("position_scale", "position_unit"),
     "registers": ("registers",),
     "no torque": ("joint_torque",),
     "last joint first": ("torque_order", "joint_order"),
@@ -274,6 +277,9 @@ def plant_mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pai
         columns, degrees | {f"dq{joint}": 180.0 / np.pi for joint in turning}))  # fmt: skip
     yield Planted("all gains x 10", "all gains x 10", _times(columns, {f"{effort}{k}": 10.0 for k in range(1, n + 1)}))
     for joint in moving:
+        factor = float(rng.choice([0.5, 0.8, 1.25, 2.0]))
+        scaled = _times(columns, {f"{one}{joint}": factor for one in q})
+        yield Planted("position scaled", f"position {joint} x {factor:g}", scaled)
         yield Planted("one gain x 10", f"gain {joint} x 10", _times(columns, {f"{effort}{joint}": 10.0}))
     for seconds in (LATE, -LATE):
         kind = "20 ms late" if seconds > 0 else "20 ms early"
@@ -479,7 +485,7 @@ def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
 def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
     whole = planted.kind.startswith("all")
     if whole or not planted.kind.endswith(
-        ("swapped", "turned", "coupled", "gravity", "zeros", "not homed", "differential")
+        ("swapped", "turned", "coupled", "gravity", "zeros", "not homed", "differential", "position scaled")
     ):
         return True
     read = read_file(robot, planted.columns, RecordingMetadata(accept=ACCEPT))
@@ -496,7 +502,7 @@ def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
 
 ACCEPT = (
     "torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit", "gravity_direction",
-    "joint_coupling", "torque_scale",
+    "joint_coupling", "torque_scale", "position_scale", "joint_zero",
 )  # fmt: skip
 WRONG_DELAYS = (-0.1, -0.06, -0.04, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1)
 """s: as far as a delay is looked for on both sides. An arm that gives seems to be late or early by up to 0.1 s."""

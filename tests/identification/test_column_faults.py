@@ -15,10 +15,13 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
 from dynident.identification.recording_faults import unexplained_torque as judging
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
-from dynident.identification.recording_faults.column_faults import estimate_delay
 from dynident.identification.recording_faults.fault_search import search_faults
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
-from dynident.identification.recording_faults.rows_for_fault_search import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.rows_for_fault_search import (
+    estimate_delay,
+    filter_motion,
+    filter_whole_motion,
+)
 from dynident.identification.recording_faults.torque_scale import (
     are_nearer_to_others,
     compute_described_load,

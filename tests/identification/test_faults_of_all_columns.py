@@ -259,6 +259,41 @@ def test_a_link_in_another_pose_than_described_has_two_zeros_elsewhere(seed: int
     assert "or turn the link between them" in check.detail
 
 
+@pytest.mark.parametrize(("seed", "joint", "factor"), [(3, 3, 1.25), (4, 2, 0.8), (5, 3, 2.0), (6, 2, 0.5)])
+def test_a_position_by_another_gear_ratio_is_named_with_its_factor(seed: int, joint: int, factor: float) -> None:
+    motion, tau = measured(seed)
+    scaled = (signal * np.where(np.arange(6) == joint - 1, factor, 1.0) for signal in (motion.q, motion.dq, motion.ddq))
+    (check,) = findings(record(ROBOT, Motion(motion.t, *scaled), tau))
+    # One number explains much, so that it is proposed and not ordered.
+    assert (check.name, check.status) == ("position_scale", "warning")
+    assert check.apply is not None
+    assert check.apply.scale == {f"q{joint}": pytest.approx(1.0 / factor, rel=0.02)}
+    assert "another gear ratio" in check.detail
+
+
+def test_degrees_of_a_slow_motion_are_told_by_the_load() -> None:
+    motion, tau = measured()
+    slow = Motion(motion.t, *(np.rad2deg(signal) for signal in (motion.q, motion.dq, motion.ddq)))
+    (check,) = findings(record(ROBOT, slow, tau))
+    assert check.name == "position_scale"
+    assert "all positions (q1 … q6) are in degrees" in check.detail
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_pendulum_tells_the_gear_ratio_of_each_joint(joint: int) -> None:
+    pendulum = robot_from_urdf("pendulum", PENDULUM)
+    motion = fourier_motion(pendulum, 20.0, 200.0, 4)
+    tau = pinocchio_torque(pendulum, motion.q, motion.dq, motion.ddq)
+    tau += 0.05 * np.abs(tau).max(axis=0) * (np.sign(motion.dq) + motion.dq)
+    tau += 0.005 * np.abs(tau).max() * np.random.default_rng(4).normal(size=tau.shape)
+    scaled = (signal * np.where(np.arange(2) == joint - 1, 1.25, 1.0) for signal in (motion.q, motion.dq, motion.ddq))
+    checks = build_dynamics_checks(pendulum)(record(pendulum, Motion(motion.t, *scaled), tau), Q[:2], TAU[:2]) or ()
+    (check,) = [check for check in checks if check.status != "ok"]
+    assert check.name == "position_scale"
+    assert check.apply is not None
+    assert check.apply.scale == {f"q{joint}": pytest.approx(0.8, rel=0.02)}
+
+
 @pytest.mark.parametrize(("seed", "off"), [(3, 0.5 * np.pi), (4, -1.2)])
 def test_another_zero_of_the_last_joint_is_named_beside_a_load_on_its_link(seed: int, off: float) -> None:
     inertias = ROBOT.inertias.copy()
@@ -522,3 +557,19 @@ PLANAR = (
     )
     + "</robot>"
 )
+
+
+def test_friction_that_depends_on_the_angle_is_no_delay_of_a_sweep() -> None:
+    """In a sweep of one frequency the angle tells the speed, so that such friction lags like a torque that is early."""
+    rng = np.random.default_rng(1)
+    t, axis, pose = np.arange(0.0, 90.0, 0.01), np.arange(6) == 2, np.array([0.0, -1.5, 0.2, -1.4, 0.1, 0.0])
+    rate = 2.0 * np.pi / 6.0
+    angle = 1.4 * np.sin(rate * t)
+    signals = (angle, 1.4 * rate * np.cos(rate * t), -(rate**2) * angle)
+    q, dq, ddq = (np.outer(signal, axis) for signal in signals)
+    tau = pinocchio_torque(ROBOT, pose + q, dq, ddq) + 0.001 * EFFORT * rng.normal(size=q.shape)
+    tau += EFFORT * (0.06 + 0.01 * np.cos(q - 1.5)) * np.sign(dq)
+    motion = Motion(t, pose + q + 1e-5 * rng.normal(size=q.shape), dq, ddq)
+    checks = {check.name: check for check in build_dynamics_checks(ROBOT)(record(ROBOT, motion, tau), Q, TAU) or ()}
+    assert checks["torque_delay"].status == "ok"
+    assert "usual" in checks["torque_delay"].detail

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         ShapeSpec,
     )
     from dynident.effects.effect_choices import (
+        ANGLE_FRICTION,
         DEFAULT_EFFECTS,
         JOINT_FRICTION,
         LINKS,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from dynident.effects.usual_effect_sizes import UsualSize
 
 __all__ = [
+    "ANGLE_FRICTION",
     "CATALOGUE",
     "DAHL",
     "DEFAULT_EFFECTS",

@@ -68,6 +68,10 @@ LINKS: EffectChoice = EffectChoice("rigid_body")
 OFFSETS: EffectChoice = EffectChoice("offset")
 JOINT_FRICTION: tuple[EffectChoice, ...] = (EffectChoice("coulomb"), EffectChoice("viscous"), OFFSETS)
 """Effects on one joint that moves alone, at constant speed, without load."""
+ANGLE_FRICTION: tuple[EffectChoice, ...] = tuple(
+    EffectChoice("position_dependent_friction", shape=(("k", cycles),)) for cycles in (1.0, 2.0)
+)
+"""Friction that depends on the angle of a revolute joint, once and twice a turn."""
 
 
 def choose_payload(run: str) -> EffectChoice:

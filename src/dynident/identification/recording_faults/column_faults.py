@@ -1,173 +1,23 @@
-"""The faults that are tried (swapped, reversed, scaled or delayed columns), each with its cure.
-
-Holds the factors of scales, and when a delay is certain.
-"""
+"""The faults that are tried (swapped, reversed or scaled columns), each with its cure; holds the factors of scales."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 import scipy
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-
-LATEST, EARLIEST = 0.017, -0.005
-"""s between which the delay of a correct log lies: filters of drives delay the torque by up to 14 ms on the open
-recordings, and nothing makes it come before its cause (`benchmarks/gross_mistakes.py`)."""
-
-CLEARLY, SURELY = 0.004, 1.5
-"""Mean logarithm by which the unexplained share of the torque falls with the delay taken out, and over its standard
-error among blocks of time. That a delay cannot be decides more than these do."""
-
-SHARP = 50.0
-"""1/s²: the same fall over the square of the delay, below which a delay costs so little that none is determined. Of
-20 ms planted in the open recordings of arms that are rigid it was 96 and more, of a right elastic arm that looked early
-30. This is half way between, in logarithms."""
+from dynident.recordings.recording_metadata import Axis, Revision
 
 BESIDE_OFFSETS = 0.1
 """Share of what falls without a fault that has to fall beside constant torques as well, which a robot may have. In
 short right motions of one that has them it was mostly less than nothing, and at most 0.09; of what can be planted in
 two recordings of a KR300, where most of it has a small share, one in twenty gave less. What comes of it is among the
 short motions of `benchmarks/gross_mistakes.py`."""
-
-# Delays in s that are tried, closer together near zero; between them a parabola finds the lowest point.
-_CANDIDATES = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03, 0.045])
-_LONGER = (0.07, 0.1, 0.15, 0.22, 0.3)
-"""s: tried one after another where the longest of them explains most, until one explains less."""
-_FEW = 8
-
-
-class UnexplainedShares(Protocol):
-    """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit.
-
-    They are not cut off where nearly all is explained: a delay shows there, too.
-    """
-
-    @property
-    def fine(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def fine_inside(self) -> float: ...  # noqa: D102
-
-
-@dataclass(frozen=True)
-class Delay:
-    """Delay of the torque of a motion.
-
-    Parameters
-    ----------
-    seconds : float
-        The delay in s; below zero where the torque is early.
-    is_fault : bool
-        Whether it is a fault of the log, and more than drives delay.
-    left_with : float
-        Unexplained share of an average joint's torque as it is.
-    left_without : float
-        The same with the delay taken out.
-    is_at_the_end : bool
-        Whether it is the largest delay that was tried: the cause then need not be a delay.
-    """
-
-    seconds: float
-    is_fault: bool
-    left_with: float
-    left_without: float
-    is_at_the_end: bool
-
-
-def estimate_delay(
-    motion: Motion,
-    period: float,
-    left_of: Callable[[Motion], UnexplainedShares],
-    left_beside: Callable[[Motion], UnexplainedShares],
-) -> Delay | None:
-    """Find the delay with which the robot explains most; None where the rows are too few.
-
-    Parameters
-    ----------
-    motion : Motion
-        All filtered rows, in their order.
-    period : float
-        s between rows.
-    left_of : function
-        Returns the unexplained shares of a motion's torque.
-    left_beside : function
-        The same beside a constant torque on each joint.
-
-    Returns
-    -------
-    Delay or None
-        The delay, and whether it is a fault; None where the rows are too few.
-    """
-    if len(motion.q) < _FEW:
-        return None
-    rows = np.arange(len(motion.q), dtype=np.float64)
-    # A delay is no whole number of rows, so the torque is interpolated between them.
-    torque = scipy.interpolate.make_interp_spline(rows, motion.tau, k=3)
-
-    def shift_torque(seconds: float) -> Motion:
-        return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
-
-    tried = {float(seconds): left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES}
-    for longer in _LONGER:
-        best = min(tried, key=lambda delay: float(tried[delay].fine.mean()))
-        if best not in (min(tried), max(tried)):
-            break
-        tried[float(np.copysign(longer, best))] = left_of(shift_torque(float(np.copysign(longer, best))))
-    delays = np.array(sorted(tried))
-    unexplained = [tried[float(delay)] for delay in delays]
-    held_out, inside = _average(unexplained), np.array([trial.fine_inside for trial in unexplained])
-    seconds = _find_lowest(delays, held_out)
-    now, then = tried[0.0], left_of(shift_torque(seconds))
-    fall = now.fine - then.fine
-    # A paired comparison over the same blocks.
-    error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
-    is_fault = (
-        float(fall.mean()) >= SURELY * error
-        and _is_impossible(delays, held_out, seconds)
-        and _is_impossible(delays, inside, seconds)
-        # Tested last, as it needs a second model: made only where all others say yes.
-        and _is_impossible(delays, _average([left_beside(shift_torque(float(delay))) for delay in delays]), seconds)
-    )
-    is_at_the_end = seconds in (delays[0], delays[-1])
-    return Delay(seconds, is_fault, float(np.exp(now.fine.mean())), float(np.exp(then.fine.mean())), is_at_the_end)
-
-
-def _average(unexplained: Sequence[UnexplainedShares]) -> FloatArray:
-    return np.array([trial.fine.mean() for trial in unexplained])
-
-
-def _is_impossible(delays: FloatArray, unexplained: FloatArray, seconds: float) -> bool:
-    """Tell whether the lowest of the shares (delays,) is clear, and at a delay that no drive has.
-
-    On the side of zero that `seconds` are on. Held out, inside the fit and beside constant torques alike: in short
-    motions one of these alone is chance.
-    """
-    lowest, as_is = _find_lowest(delays, unexplained), float(unexplained[delays == 0.0][0])
-    clear = as_is - unexplained.min() >= max(CLEARLY, SHARP * lowest**2)
-    return bool(clear) and not is_possible_delay(lowest) and (lowest > 0) == (seconds > 0)
-
-
-def is_possible_delay(seconds: float) -> bool:
-    """Tell whether drives delay a torque by so many seconds."""
-    return EARLIEST <= seconds <= LATEST
-
-
-def _find_lowest(delays: FloatArray, unexplained: FloatArray) -> float:
-    """Return the delay with the smallest unexplained share, by a parabola through the best that was tried."""
-    best = int(np.argmin(unexplained))
-    if best in (0, len(delays) - 1):
-        return float(delays[best])
-    x, y = (values[best - 1 : best + 2] for values in (delays, unexplained))
-    # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards. Squared
-    # shares grow with the square of the distance, where their logarithms have a corner.
-    a, b, _ = np.polyfit(x, np.exp(2.0 * (y - y.min())), 2)
-    return float(np.clip(-0.5 * b / a, x[0], x[-1])) if a > 0 else float(x[1])
-
 
 FaultKind = Literal[
     "torques swapped",
@@ -180,6 +30,7 @@ FaultKind = Literal[
     "joint coupled",
     "joints mixed",
     "joint zero",
+    "position scaled",
 ]
 
 
@@ -210,10 +61,11 @@ class Mixing:
 
 
 _SWAPS: tuple[FaultKind, ...] = ("torques swapped", "positions swapped", "joints swapped")
+SCALED: tuple[FaultKind, ...] = ("torque scaled", "position scaled")
 TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
 _OF_POSITION = (
     "positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled", "joints mixed",
-    "joint zero",
+    "joint zero", "position scaled",
 )  # fmt: skip
 _OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled", "joints mixed")
 _SMALL = 1e-3
@@ -276,8 +128,9 @@ class ColumnFault:
         Numbers of the joints. Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3,
         and 1 with 4; unless `sources` are given.
     factor : float
-        It mends torques that are scaled. Of two joints that are coupled, the first is counted from the second: its
-        position is that of the column less `factor` times the second's. Of joints with other zeros, see `zeros`.
+        It mends torques, or positions, that are scaled. Of two joints that are coupled, the first is counted from the
+        second: its position is that of the column less `factor` times the second's. Of joints with other zeros, see
+        `zeros`.
     mixing : Mixing, optional
         How gears make the positions of two joints of those of their motors, which the columns are.
     sources : tuple of int
@@ -344,7 +197,7 @@ class ColumnFault:
             for joint, source in self.places:
                 order[joint] = source
         elif self.kind not in ("joint coupled", "joints mixed", "joint zero"):
-            sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
+            sign[list(self.joints)] = self.factor if self.kind in SCALED else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
         if self.mixing is not None:
             parts = [(signal, self.mixing.matrix) for signal in (q, dq, ddq)] + [(tau, self.mixing.of_torques)]
@@ -410,6 +263,9 @@ def list_possible_faults(
         Joints that turn: their zeros may be a quarter or half a turn from the description's.
     """
     yield from _list_faults_of_many_joints(moving)
+    if revolute is not None and (revolute & moving).sum() > 1:
+        # Limits of speed do not tell degrees of a slow motion.
+        yield ColumnFault("position scaled", tuple(np.flatnonzero(revolute).tolist()), float(np.deg2rad(1.0)))
     yield from _list_reversed_order(moving)
     if parallel is not None:
         for index in np.flatnonzero(parallel & moving):
@@ -498,3 +354,35 @@ def _list_faults_of_many_joints(moving: BoolArray) -> Iterator[ColumnFault]:
     for first in range(1, n - 1):
         if moving[first:].sum() > 1:
             yield from (ColumnFault("torque scaled", tuple(range(first, n)), factor) for factor in FACTORS)
+
+
+def build_revision(fault: ColumnFault, n: int) -> Revision | None:
+    """Return the correction of a file's metadata that mends a fault; None where no metadata can.
+
+    Parameters
+    ----------
+    fault : ColumnFault
+        The fault.
+    n : int
+        Number of joints.
+    """
+    if fault.kind in ("joint coupled", "joints mixed"):
+        return None
+    sides: tuple[tuple[Axis, bool], ...] = (("q", fault.is_of_positions), ("tau", fault.is_of_torques))
+    kinds = [kind for kind, is_wrong in sides if is_wrong]
+    if fault.kind in SCALED:
+        return Revision(scale={f"{kind}{joint + 1}": fault.factor for kind in kinds for joint in fault.joints})
+    if fault.kind == "joint zero":
+        return Revision(zeros=list_zeros(fault))
+    if not fault.is_swap:
+        return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in fault.joints})
+    # Permutations of a request count from one.
+    order = list(range(1, n + 1))
+    for joint, source in fault.places:
+        order[joint] = source + 1
+    return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
+
+
+def list_zeros(fault: ColumnFault) -> dict[str, float]:
+    """Return the zeros of joints as metadata state them, in rad by our names of columns."""
+    return {f"q{joint + 1}": float(f"{zero:.8g}") for joint, zero in fault.zeros.items()}

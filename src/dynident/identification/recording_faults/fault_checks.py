@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import (
+    SCALED,
     ColumnFault,
     FaultKind,
     Motion,
-    is_possible_delay,
+    build_revision,
 )
 from dynident.identification.recording_faults.description_fit import report_description_units
 from dynident.identification.recording_faults.fault_search import (
@@ -38,12 +40,12 @@ from dynident.identification.recording_faults.joint_angle_faults import (
     describe_zeros,
     describe_zeros_cure,
     report_zeros_from_start,
-    state_zeros,
 )
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
     filter_for_search,
     find_delay,
+    is_possible_delay,
     report_torque_steps,
     thin_out,
 )
@@ -52,7 +54,7 @@ from dynident.identification.recording_faults.unexplained_torque import Unexplai
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
 from dynident.recordings.recording import ModelChecks, Recording
-from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
+from dynident.recordings.recording_metadata import COMMANDED, DELAY, NO_MEASUREMENT, Check, Revision
 from dynident.robot.pseudo_inertia import find_description_units
 from dynident.robot.robot_model import Robot
 
@@ -67,8 +69,9 @@ _CHECK: dict[FaultKind, str] = {
     "joint coupled": "joint_coupling",
     "joints mixed": "joint_coupling",
     "joint zero": "joint_zero",
+    "position scaled": "position_scale",
 }
-_SILENT = {"torque_scale", "joint_coupling", "joint_zero"}
+_SILENT = {"torque_scale", "joint_coupling", "joint_zero", "position_scale"}
 """Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
 GRAVITY, SCALE = "gravity_direction", "torque_scale"
@@ -168,8 +171,12 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     from_start = report_zeros_from_start(machine, recording, motion, judges.plain_fit, otherwise, q)
     if from_start is not None:
         return DynamicsCheck((from_start, *described), as_is)
+    excess = {} if faults else find_excess_of_motion(machine, motion, judges.plain_fit)
+    # Friction tells a torque that is too large whatever gravity does, and such a torque may look like other gravity.
+    sizes = np.array([10.0 ** np.rint(np.log10(excess.get(joint, 1.0))) for joint in range(machine.n)])
+    of_one_unit = [(replace(rows, tau=rows.tau / sizes), period) for rows, period in bands[band:]]
     is_known = _is_explained_by_one(faults, now)
-    mounted = None if is_known else find_other_mounting(machine, bands[band:], judges.plain_fit)
+    mounted = None if is_known else find_other_mounting(machine, of_one_unit, judges.plain_fit)
     # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):
         faults = ()
@@ -189,7 +196,6 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         findings = (*_report_compensated(machine, motion, tau), *steps)
     else:
         # Sizes are looked at only where order and signs are right: a wrong column has any size, and so has a step.
-        excess = find_excess_of_motion(machine, motion, judges.plain_fit)
         frictions = judges.plain_fit.measure_frictions(motion)
         findings = _report_scales(find_torque_scales(machine, motion, excess, frictions), recording, tau)
         if all(check.status == "ok" for check in findings) and not recording.torque_from_commands:
@@ -231,7 +237,7 @@ def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str]
     why = f"{who} leave {left[0]} of an average joint's torque unexplained, and {left[1]} after the correction"
     if by_masses is None and finding.left_with < _HARDLY_BETTER * finding.left_without:
         why = "friction would drive the joint, which is impossible"
-    columns, is_scaled = tau if "torque" in finding.fault.kind else q, finding.fault.kind == "torque scaled"
+    columns, is_scaled = tau if "torque" in finding.fault.kind else q, finding.fault.kind in SCALED
     cure, remedies = _describe_cure(finding.fault, q, tau)
     return Check(
         _CHECK[finding.fault.kind],
@@ -363,33 +369,6 @@ def _report_scales(
     )
 
 
-def build_revision(fault: ColumnFault, n: int) -> Revision | None:
-    """Return the correction of a file's metadata that mends a fault; None where no metadata can.
-
-    Parameters
-    ----------
-    fault : ColumnFault
-        The fault.
-    n : int
-        Number of joints.
-    """
-    if fault.kind in ("joint coupled", "joints mixed"):
-        return None
-    sides: tuple[tuple[Axis, bool], ...] = (("q", fault.is_of_positions), ("tau", fault.is_of_torques))
-    kinds = [kind for kind, is_wrong in sides if is_wrong]
-    if fault.kind == "torque scaled":
-        return Revision(scale={f"tau{joint + 1}": fault.factor for joint in fault.joints})
-    if fault.kind == "joint zero":
-        return Revision(zeros=state_zeros(fault))
-    if not fault.is_swap:
-        return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in fault.joints})
-    # Permutations of a request count from one.
-    order = list(range(1, n + 1))
-    for joint, source in fault.places:
-        order[joint] = source + 1
-    return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
-
-
 def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
     """Describe a fault in words, with the user's names of position and torque columns.
 
@@ -423,6 +402,7 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
                 "reaction torque"
             ),
             "position turned": f"all positions ({q[0]} … {q[-1]}) have the opposite sign",
+            "position scaled": f"all positions ({q[0]} … {q[-1]}) are in degrees",
         }
         return whole[fault.kind]
     of = " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
@@ -437,6 +417,10 @@ def describe_fault(fault: ColumnFault, recording: Recording, q: Sequence[str], t
             f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / fault.factor:.3g} times the value that "
             "fits the other joints"
         ),
+        "position scaled": (
+            f"the position{plural} of {of} ({columns[0]}) {verb[1]} {1.0 / fault.factor:.3g} times the angle or "
+            "distance that moved, as with another gear ratio or number of counts"
+        ),
     }
     return descriptions[fault.kind]
 
@@ -449,13 +433,14 @@ def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> 
         word = "Subtract" if fault.factor > 0 else "Add"
         preposition = "from" if fault.factor > 0 else "to"
         return f"{word} {other} {preposition} {own}, and their velocities, before the file is read.", ()
-    if fault.kind == "torque scaled":
+    if fault.kind in SCALED:
+        side, cause = ("tau", "drive gain") if fault.kind == "torque scaled" else ("q", "gear ratio")
         which = (
-            "its unit and its drive gain, or multiply it"
+            f"its unit and its {cause}, or multiply it"
             if len(fault.joints) == 1
-            else "their units and drive gains, or multiply them"
+            else f"their units and {cause}s, or multiply them"
         )
-        remedy = Remedy("scale", {f"tau{joint + 1}": float(f"{fault.factor:.3g}") for joint in fault.joints})
+        remedy = Remedy("scale", {f"{side}{joint + 1}": float(f"{fault.factor:.3g}") for joint in fault.joints})
         return f"Check {which} by {fault.factor:.3g}: {remedy}.", (remedy,)
     if fault.kind == "joint zero":
         return describe_zeros_cure(fault)

@@ -15,6 +15,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.identification.recording_faults.column_faults import (
     BESIDE_OFFSETS,
+    SCALED,
     TURNS,
     ColumnFault,
     Motion,
@@ -49,7 +50,10 @@ from dynident.identification.recording_faults.torque_scale import (
 )
 from dynident.identification.recording_faults.tree_fit import find_moving_joints, list_chains
 from dynident.identification.recording_faults.unexplained_torque import (
+    CERTAIN,
+    CERTAIN_OF_JOINTS,
     CLEARLY_IN_ALL_BLOCKS,
+    SOUND,
     HeldOutFit,
     UnexplainedTorque,
     find_drives_off,
@@ -60,12 +64,6 @@ from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
 
 MOST_JOINTS = 12  # longer chains have too many pairs to be tried while somebody waits
-
-_CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
-"""Sum over the joints of the logarithm of what is left that falls without a fault, from which on nothing else is
-likely: of torques or positions alone, and of whole joints; and what may then be left of an average joint's torque. A
-zero that is off by 90 degrees or a gain that is ten times too large look like an exchange by up to 1.0 and 1.6 on arms
-of six joints, or leave more (`benchmarks/gross_mistakes.py`)."""
 
 CLEARLY_AGREES = 0.05
 """Mean over the joints of that logarithm by which other gains of some joints have to explain more, for the joints not
@@ -233,9 +231,9 @@ def _is_certain(step: _FaultStep, now: UnexplainedTorque, frictions: FloatArray,
     fault, fall = step.fault, now.compute_fall_to(step.unexplained) * float(now.moving.sum())
     # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
     # several joints at once this is not so. The zero of a joint may be what the description has wrong.
-    may_be_sure = fault.kind != "joint zero" and (fault.kind != "torque scaled" or len(fault.joints) > 1)
+    may_be_sure = fault.kind != "joint zero" and (fault.kind not in SCALED or len(fault.joints) > 1)
     by_friction = now.against > step.unexplained.against and is_proved_by_friction(fault, frictions, mended)
-    is_clear = by_friction or fall >= (_CERTAIN_OF_JOINTS if fault.is_of_whole_joints else _CERTAIN)
+    is_clear = by_friction or fall >= (CERTAIN_OF_JOINTS if fault.is_of_whole_joints else CERTAIN)
     return may_be_sure and is_clear and step.unexplained.average_share <= SOUND
 
 
@@ -297,7 +295,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         possible_zeros = [zero for zero in zeros if not described.refutes(zero)]
         lowest, near = trials.find_alike((best, unexplained), possible_zeros)
         best, unexplained = _choose_among_alike(lowest, near, described)
-        alike = [fault for fault, _ in near if fault != best and not _is_same_zero(fault, best)]
+        alike = [fault for fault, _ in near if fault != best and not _is_same_angle(fault, best)]
         pair = _find_turned_pair(best, unexplained, judge, motion) if best.kind == "joint turned" else None
         if pair is not None and not described.refutes(pair[0]):
             return _FaultStep(pair[0], (), pair[1], described.bears_out(*pair))
@@ -364,7 +362,7 @@ def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: De
     A fit of all parameters finds other ones for a mirrored joint, or for an arm of few joints; the description does
     not.
     """
-    estimates = [(described.estimate_left(fault), fault) for fault in trials.faults if fault.kind != "torque scaled"]
+    estimates = [(described.estimate_left(fault), fault) for fault in trials.faults if fault.kind not in SCALED]
     known = sorted(((left, fault) for left, fault in estimates if left is not None), key=lambda pair: pair[0])
     for lowest, fault in known:
         if not described.may_demand(fault):
@@ -414,8 +412,9 @@ def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: Descrip
     return next(same, chosen) if chosen[0].kind == "positions swapped" else chosen
 
 
-def _is_same_zero(fault: ColumnFault, other: ColumnFault) -> bool:
-    return (fault.kind, other.kind, fault.joints) == ("joint zero", "joint zero", other.joints)
+def _is_same_angle(fault: ColumnFault, other: ColumnFault) -> bool:
+    """Tell whether two faults are one by nearly the same value."""
+    return fault.kind in ("joint zero", "position scaled") and (fault.kind, fault.joints) == (other.kind, other.joints)
 
 
 @dataclass(frozen=True, eq=False)

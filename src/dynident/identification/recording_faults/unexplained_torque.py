@@ -43,6 +43,12 @@ CLEARLY_IN_ALL_BLOCKS, IN_ALL_BLOCKS = 0.36, 5.0
 errors; where the gain of a joint that carries little is ten times too large, by 0.42 and 8, and where a zero of a joint
 is 90 degrees off, by 0.38 and 12 (`benchmarks/planted_mistakes.py`)."""
 
+CERTAIN, CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
+"""Sum over the joints of the logarithm of what is left that falls without a fault, from which on nothing else is
+likely: of torques or positions alone, and of whole joints; and what may then be left of an average joint's torque. A
+zero that is off by 90 degrees or a gain that is ten times too large look like an exchange by up to 1.0 and 1.6 on arms
+of six joints, or leave more (`benchmarks/gross_mistakes.py`)."""
+
 INSIDE = 0.33
 """Share of the same that has to fall where the blocks are fitted to, too. In short motions from point to point what was
 not fitted to is told by chance: of right ones, 0.04 to 0.4 fell inside where no other order was better; of what was
