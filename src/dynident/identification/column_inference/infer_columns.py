@@ -24,6 +24,7 @@ from dynident.identification.column_inference.column_statistics import (
     SLOPE,
     Clock,
     Sample,
+    ask_about_further_axes,
     correlate_slopes,
     drop_empty_rows,
     fill_gaps,
@@ -188,6 +189,7 @@ class _ColumnInference(WorkingProposal):
             add_base_columns(self, self.moving_base)
         drop_dependent_questions(self)
         self._ask_about_guessed_time()
+        self.questions += ask_about_further_axes(self.column_names, self.columns, self.values)
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))

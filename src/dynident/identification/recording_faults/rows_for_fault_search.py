@@ -11,9 +11,9 @@ import numpy as np
 
 from dynident.array_types import FloatArray, IntArray
 from dynident.effects import OFFSETS
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.identification.recording_faults.column_faults import Delay, Motion, estimate_delay
-from dynident.identification.recording_faults.torque_scale import find_driving_joints
+from dynident.identification.recording_faults.torque_scale import TorqueScale, find_driving_joints
 from dynident.identification.recording_faults.tree_fit import BLOCKS, find_joints_at_rest, find_moving_joints
 from dynident.identification.recording_faults.unexplained_torque import (
     CLEARLY,
@@ -26,7 +26,7 @@ from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.recording import SampleBlock
-from dynident.recordings.recording_metadata import Check
+from dynident.recordings.recording_metadata import DELAY, Check, Revision
 from dynident.recordings.units import format_time
 from dynident.robot.robot_model import Robot
 
@@ -195,6 +195,35 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> list[tuple[M
     return bands[best:] if left >= _EXPLAINED else [bands[best]]
 
 
+def drop_scales_of_loads(
+    scales: tuple[TorqueScale, ...] | None, motion: Motion, judge: HeldOutFit
+) -> tuple[TorqueScale, ...] | None:
+    """Return the scales without those of joints whose torques agree with the others' as they are.
+
+    The masses of the description are then wrong for this recording, as with a load on the flange.
+
+    Parameters
+    ----------
+    scales : tuple of TorqueScale, or None
+        Torques that do not match the masses of the description.
+    motion : Motion
+        Filtered rows of the recording.
+    judge : HeldOutFit
+        Fit of the robot.
+    """
+    n = motion.tau.shape[1]
+    if not scales or len(scales) == n:
+        return scales
+    now = judge.measure_unexplained(motion)
+
+    def agrees(scale: TorqueScale) -> bool:
+        factors = np.where(np.arange(n) == scale.joint, 1.0 / scale.times, 1.0)
+        mended = judge.measure_unexplained(replace(motion, tau=motion.tau * factors))
+        return mended.is_surely_above(now, by_friction=False)
+
+    return tuple(scale for scale in scales if scale.by_friction or not agrees(scale))
+
+
 def report_torque_steps(
     motion: Motion, recording: Recording, tau: Sequence[str], judges: HeldOutFits
 ) -> tuple[Check, ...]:
@@ -236,6 +265,94 @@ def has_enough_rows(motion: Motion, judge: HeldOutFit, times: float = 1.0) -> bo
     return len(thin_out(motion).q) * int(
         find_moving_joints(motion).sum()
     ) >= times * _ROWS_PER_COLUMN * judge.count_columns(motion)
+
+
+_FARTHEST, _MOST_OF_IT = 5.0, 0.2
+"""s, and share of a recording, that the clocks of positions and torques may be apart."""
+_NEAR = 0.045
+"""s within which drives, elastic arms and single columns that are wrong make a torque look late or early."""
+_CLEARLY_LESS = 0.5
+"""Share of what is unexplained that may be left with the clocks brought together: of what else is wrong with a
+recording, such as columns that are exchanged, another time explains next to nothing."""
+
+
+def _find_clock_shift(motion: Motion, judge: HeldOutFit) -> float:
+    """Return how many s the clock of the torques is ahead of that of the positions; 0 where it is the same.
+
+    Parameters
+    ----------
+    motion : Motion
+        Filtered rows of the recording, in their order.
+    judge : HeldOutFit
+        Fit of the robot.
+    """
+    few = thin_out(motion)
+    step = float(np.median(np.diff(few.t))) if len(few.t) > 1 else 0.0
+    most = int(min(_FARTHEST, _MOST_OF_IT * (few.t[-1] - few.t[0])) / step) if step > 0.0 else 0
+    if most * step <= 2.0 * _NEAR or not has_enough_rows(motion, judge):
+        return 0.0
+    shifts = np.arange(-most, most + 1)
+    left = judge.measure_shifted(few, shifts)
+    best = int(np.argmin(left))
+    is_clear = left[best] <= _CLEARLY_LESS * left[most] and left[best] <= _EXPLAINED
+    is_inside = 0 < best < len(shifts) - 1 and abs(shifts[best]) * step > _NEAR
+    return float(shifts[best] * step) if is_clear and is_inside else 0.0
+
+
+def _shift_torques(motion: Motion, seconds: float, period: float) -> Motion:
+    """Return the rows that have a torque of so many s later, to whole rows of a period.
+
+    Parameters
+    ----------
+    motion : Motion
+        Filtered rows of the recording, in their order.
+    seconds, period : float
+        How much later, and between rows.
+    """
+    rows = round(seconds / period)
+    early, late = slice(max(0, -rows), len(motion.q) - max(0, rows)), slice(max(0, rows), len(motion.q) - max(0, -rows))
+    q, dq, ddq, t = (np.ascontiguousarray(signal[early]) for signal in (motion.q, motion.dq, motion.ddq, motion.t))
+    return Motion(q, dq, ddq, np.ascontiguousarray(motion.tau[late]), np.arange(len(q)) * BLOCKS // len(q), t)
+
+
+def report_clocks(robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: HeldOutFits) -> Check | None:
+    """Report clocks of positions and torques that are apart; None where they are the same, as far as can be told.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        All filtered rows, in their order.
+    period : float
+        s between rows.
+    tau : names
+        What the user calls the columns of torques.
+    judges : HeldOutFits
+        Fits of the robot.
+    """
+    seconds = _find_clock_shift(motion, judges.plain_fit)
+    if not seconds:
+        return None
+    rows = round(seconds / period)
+    shifted = _shift_torques(motion, seconds, period)
+    delay = find_delay(robot, shifted, period, judges)
+    if delay is None or delay.is_at_the_end or delay.left_without > _EXPLAINED:
+        return None
+    seconds = round(rows * period + delay.seconds, 3)
+    word, remedy = "late" if seconds > 0 else "early", Remedy(DELAY, seconds)
+    left = judges.plain_fit.measure_unexplained(thin_out(motion)).average_share
+    return Check(
+        DELAY,
+        "error" if left > _EXPLAINED else "warning",
+        f"The torque is {abs(seconds):.3g} s {word} against the position, as where both were stamped by different "
+        f"clocks: the robot's dynamics leave {format_percent(left, decimals=0)} of an average joint's torque "
+        f"unexplained, and {format_percent(delay.left_without, decimals=1)} without this delay. Correct it by {remedy} "
+        "(in s) for this recording; another one has another delay if the clocks were set in between.",
+        tau[0],
+        apply=Revision(torque_delay=seconds),
+        remedies=(remedy,),
+    )
 
 
 def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits | None = None) -> Delay | None:
