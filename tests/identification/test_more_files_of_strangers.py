@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -29,6 +30,10 @@ from dynident.identification.column_inference.column_names import (
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.identification.column_inference.unit_inference import compute_reach, guess_torque_unit
+from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
+from dynident.identification.recording_faults.fault_search import _find_turned_pair
+from dynident.identification.recording_faults.tree_fit import BLOCKS
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit, UnexplainedTorque
 from dynident.identification.robot_recording_import import import_cured
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.cells_without_numbers import find_quantities
@@ -1102,3 +1107,18 @@ def test_an_axis_that_carries_the_robot_is_asked_for_where_it_moves(names: str, 
     columns[names.replace("A", "E").format("1" if asks or size < 1.0 else "_tool")] = size * np.sin(0.3 * given.t)
     details = [question.detail for question in guess(given.robot, columns).questions]
     assert any("no joint of the robot is called so" in detail for detail in details) == asks
+
+
+@pytest.mark.parametrize("borne_out", [True, False])
+def test_masses_decide_between_one_turned_joint_and_two(monkeypatch: pytest.MonkeyPatch, borne_out: bool) -> None:
+    """Of two turned joints a third may seem to be turned, and a fit explain hardly less."""
+    given = log("ur10", 1)
+    signs = np.where(np.isin(np.arange(6), (1, 3)), -1.0, 1.0)
+    t, q, tau = given.t, given.q * signs, given.tau * signs
+    dq = np.gradient(q, t, axis=0)
+    motion = Motion(q, dq, np.gradient(dq, t, axis=0), tau, np.arange(len(t)) * BLOCKS // len(t), t)
+    judge, single = HeldOutFit(given.robot), ColumnFault("joint turned", (2,))
+    monkeypatch.setattr(UnexplainedTorque, "is_surely_above", lambda *_, **__: False)
+    left = judge.measure_unexplained(single.mend(motion))
+    pair = _find_turned_pair(single, left, judge, motion, SimpleNamespace(prefers=lambda *_: borne_out))  # type: ignore[arg-type]
+    assert (pair is not None and pair[0].joints == (1, 3)) == borne_out
