@@ -465,7 +465,10 @@ def ask_about_further_axes(
     """
     used = {columns[key] for key in columns if key[0] == "q" and key[1:].isdigit()}
     letters = {column.words[:-2]: column.words[-2] for column in named if column.name in used and column.words[1:]}
-    ranges = [float(np.ptp(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0 for own in values.T]
+    # A column for torques that nobody recorded may stand behind those of the file.
+    ranges = [float(np.ptp(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0 for own in values.T[: len(named)]]
+    if len(ranges) < len(named):
+        return []
     most = max((size for size, column in zip(ranges, named, strict=True) if column.name in used), default=np.inf)
 
     def is_axis(column: ColumnName) -> bool:
