@@ -282,7 +282,7 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     # The last letter of a joint's name is no unit: axis_a is not in amperes. A unit may stand before it: trq_pct_B.
     behind_unit = words[place:] if length and place + length == len(words) else ()
     words, stated = _split_unit(words[: len(words) - len(behind_unit)], stated)
-    words = (*words, *behind_unit)
+    words, place = (*words, *behind_unit), len(words) if behind_unit else place
     strange_unit = inner if stated is None and _STRANGE_UNIT.match(inner) else ""
     if stated is None and not unit and not strange_unit and is_of_rated:
         stated = "permille"
