@@ -45,7 +45,7 @@ from imports import DATA, SETS, robot_of
 from planted_arms import drawn_arms
 
 from dynident.api.robot_files import load_robot
-from dynident.identification.recording_faults.column_faults import Motion, list_possible_faults
+from dynident.identification.recording_faults.column_faults import Motion, is_possible_delay, list_possible_faults
 from dynident.identification.recording_faults.description_fit import measure_blocks_left_by_description
 from dynident.identification.recording_faults.fault_search import ALIKE
 from dynident.identification.recording_faults.joint_angle_faults import find_parallel_axes
@@ -55,7 +55,6 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     filter_whole_motion,
     filter_whole_motion_by,
     find_delay,
-    is_possible_delay,
     thin_out,
 )
 from dynident.identification.recording_faults.torque_scale import compute_described_load

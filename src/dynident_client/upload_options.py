@@ -91,7 +91,7 @@ class MeasurementOptions(TypedDict, total=False):
     """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off,
     corrupted, wrapped or at the full voltage of servos are right"""
     torque_delay: float
-    """Delay of the torque in the file, in s (-1 to 1)"""
+    """Delay of the torque in the file, in s (-5 to 5)"""
     units: Mapping[str, str]
     """Units by kind of signal or by column: {"q": "deg"}; SI if not given"""
     windows: Sequence[tuple[float, float]]
@@ -137,7 +137,7 @@ class RevisionOptions(TypedDict, total=False):
     """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off,
     corrupted, wrapped or at the full voltage of servos are right"""
     torque_delay: float | None
-    """Delay of the torque in the file, in s (-1 to 1)"""
+    """Delay of the torque in the file, in s (-5 to 5)"""
     units: Mapping[str, str] | None
     """Units by kind of signal or by column: {"q": "deg"}; SI if not given"""
     windows: Sequence[tuple[float, float]] | None

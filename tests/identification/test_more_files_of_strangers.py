@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -21,9 +22,18 @@ from support.oracles import crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
-from dynident.identification.column_inference.column_names import describe_waves, read_names
+from dynident.identification.column_inference.column_names import (
+    describe_waves,
+    list_spellings_by_joint,
+    read_names,
+)
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
+from dynident.identification.column_inference.unit_inference import compute_reach, guess_torque_unit
+from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
+from dynident.identification.recording_faults.fault_search import _find_turned_pair
+from dynident.identification.recording_faults.tree_fit import BLOCKS
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit, UnexplainedTorque
 from dynident.identification.robot_recording_import import import_cured
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.cells_without_numbers import find_quantities
@@ -221,6 +231,24 @@ def test_a_delay_longer_than_usual_ones_is_found_as_well(tmp_path: Path, name: s
     (delay,) = [one for one in checks if one.name == "torque_delay" and one.status != "ok"]
     assert delay.apply is not None
     assert abs(delay.apply.torque_delay - seconds) < 0.005
+
+
+@pytest.mark.parametrize(("name", "seed", "seconds"), [("ur5", 1, 0.42), ("ur10", 2, -0.7), ("franka_panda", 3, 1.6)])
+def test_clocks_that_are_apart_are_the_first_cause_and_brought_together(
+    tmp_path: Path, name: str, seed: int, seconds: float
+) -> None:
+    """Positions and torques of two computers: every torque belongs to another moment, and signs look wrong as well."""
+    given = log(name, seed)
+    late = np.column_stack([np.interp(given.t - seconds, given.t, torque) for torque in given.tau.T])
+    inner = slice(200, -200)
+    columns = {key: values[inner] for key, values in given.columns(tau=late).items()}
+    with pytest.raises(RecordingError, match="stamped by different clocks") as refused:
+        read(given.robot, tmp_path, columns)
+    (wrong,) = [check for check in refused.value.checks if check.status == "error"]
+    assert wrong.apply is not None
+    assert abs(wrong.apply.torque_delay - seconds) < 0.01
+    (cure,) = read(given.robot, tmp_path, columns, cures=3).revisions
+    assert abs(cure.torque_delay - seconds) < 0.01
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -1024,3 +1052,73 @@ def test_columns_of_more_joints_than_the_robot_has_are_named_by_their_signal() -
     asked = {question.field: question.detail for question in guess(given.robot, {"t": given.t} | columns).questions}
     assert "obs/qpos1 … obs/qpos14 are 14 columns" in asked["columns/q"]
     assert "obs/effort1 … obs/effort14 are 14 columns" in asked["columns/tau"]
+
+
+def test_axes_that_are_called_by_single_letters_are_found_and_forces_of_sliding_ones() -> None:
+    names = [f"{axis} {what}" for axis in "zabcd" for what in ("position (mm)" if axis == "z" else "position (deg)",)]
+    assert [spellings != [] for spellings in list_spellings_by_joint(list("zabcd"))] == [True] * 5
+    assert [column.unit for column in read_names(names, {}, list("zabcd"))] == ["mm", *["deg"] * 4]
+
+
+@pytest.mark.parametrize(("axes", "head"), [("SLURBT", "fb_deg_"), ("SLEURBT", "trq_pct_")])
+def test_the_letter_of_a_pendants_axis_is_no_unit_or_time(axes: str, head: str) -> None:
+    columns = read_names(["time", *sorted(f"{head}{axis}" for axis in axes)], {})[1:]
+    unit, signal = ("deg", None) if "deg" in head else ("percent", "tau")
+    assert {(column.unit, column.signal) for column in columns} == {(unit, signal)}
+
+
+def test_a_unit_may_stand_before_the_joints_number_and_beside_an_index_in_brackets() -> None:
+    assert [read_names([name], {})[0].unit for name in ("PositionsRad_1", "pos_deg_2", "pos_1_2")] == [
+        "rad",
+        "deg",
+        None,
+    ]
+    assert read_names(["Sensors/theta[3]"], {"Sensors/theta[3]": "°"})[0].numbers == (3,)
+
+
+def test_words_without_spaces_between_them_are_told_apart() -> None:
+    command, actual, torque = read_names(["关节1指令角度(度)", "关节1实际角度(度)", "关节1实际力矩(牛·米)"], {})
+    assert (command.signal, command.commanded, actual.signal, actual.measured) == ("q", True, "q", True)
+    assert (torque.signal, torque.unit, torque.numbers) == ("tau", "N m", (1,))
+
+
+@pytest.mark.parametrize(("wrong", "unit"), [(1, "N m"), (6, "mN m")])
+def test_one_limit_of_effort_that_is_too_small_rules_no_unit_out(wrong: int, unit: str) -> None:
+    """A description may state what one motor gives before its gear; where all are exceeded, the unit is another."""
+    given = log("ur10", 1, duration=8.0)
+    limits = 1.2 * np.abs(given.tau).max(axis=0)
+    limits[:wrong] *= 1e-2 if unit == "N m" else 1e-3
+    joints = [
+        replace(joint, limits=replace(joint.limits, effort=float(limit)))
+        for joint, limit in zip(given.robot.joints, limits, strict=True)
+    ]
+    robot = replace(given.robot, joints=tuple(joints))
+    assert guess_torque_unit(robot, given.tau, None, compute_reach(robot)).unit == unit
+
+
+@pytest.mark.parametrize(
+    ("names", "size", "asks"), [("pos.A{}", 900.0, True), ("pos.A{}", 0.01, False), ("q{}", 3.0, False)]
+)
+def test_an_axis_that_carries_the_robot_is_asked_for_where_it_moves(names: str, size: float, asks: bool) -> None:
+    """Such as E1 of a linear unit: its acceleration is in every torque, and the description ends at the base."""
+    given = log("ur10", 2, duration=8.0)
+    columns = {"t": given.t} | {names.format(k + 1): np.degrees(given.q[:, k]) for k in range(6)}
+    columns |= {f"torque.A{k + 1}": given.tau[:, k] for k in range(6)}
+    columns[names.replace("A", "E").format("1" if asks or size < 1.0 else "_tool")] = size * np.sin(0.3 * given.t)
+    details = [question.detail for question in guess(given.robot, columns).questions]
+    assert any("no joint of the robot is called so" in detail for detail in details) == asks
+
+
+@pytest.mark.parametrize("borne_out", [True, False])
+def test_masses_decide_between_one_turned_joint_and_two(monkeypatch: pytest.MonkeyPatch, borne_out: bool) -> None:
+    """Of two turned joints a third may seem to be turned, and a fit explain hardly less."""
+    given = log("ur10", 1)
+    signs = np.where(np.isin(np.arange(6), (1, 3)), -1.0, 1.0)
+    t, q, tau = given.t, given.q * signs, given.tau * signs
+    dq = np.gradient(q, t, axis=0)
+    motion = Motion(q, dq, np.gradient(dq, t, axis=0), tau, np.arange(len(t)) * BLOCKS // len(t), t)
+    judge, single = HeldOutFit(given.robot), ColumnFault("joint turned", (2,))
+    monkeypatch.setattr(UnexplainedTorque, "is_surely_above", lambda *_, **__: False)
+    left = judge.measure_unexplained(single.mend(motion))
+    pair = _find_turned_pair(single, left, judge, motion, SimpleNamespace(prefers=lambda *_: borne_out))  # type: ignore[arg-type]
+    assert (pair is not None and pair[0].joints == (1, 3)) == borne_out

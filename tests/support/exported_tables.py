@@ -323,6 +323,111 @@ def properties_below_the_names(folder: Path, run: Recorded) -> Path:
     return written(folder / "waveforms.txt", "\n".join(["\t".join(line) for line in head] + [*rows, ""]))
 
 
+def answer_of_a_query(folder: Path, run: Recorded) -> Path:
+    """InfluxDB's annotated CSV: a row for each value, tables by field, and behind them one of words."""
+    begin = datetime(2026, 3, 11, 8, 12, 3)
+    stamps = [(begin + timedelta(seconds=float(t))).isoformat(timespec="microseconds") + "Z" for t in run.t]
+    bounds = "2026-03-11T08:12:00Z,2026-03-11T08:13:00Z"
+    types = "string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339"
+    head = ["#group,false,false,true,true,false,false,true,true,true", f"#datatype,{types},double,string,string,string"]
+    head += ["#default,_result,,,,,,,,", ",result,table,_start,_stop,_time,_value,_field,_measurement,joint"]
+    series = [(name, k) for name in ("effort", "position", "velocity") for k in range(run.n)]
+    values = {"effort": run.tau, "position": run.q, "velocity": run.dq}
+    rows = [
+        f",,{number},{bounds},{stamp},{value:.9g},{name},joint_state,{run.joints[k]}"
+        for number, (name, k) in enumerate(series)
+        for stamp, value in zip(stamps, values[name][:, k], strict=True)
+    ]
+    words = ["", *head[:1], f"#datatype,{types},string,string,string", "#default,_result,,,,,,,"]
+    words += [",result,table,_start,_stop,_time,_value,_field,_measurement"]
+    words += [f",,99,{bounds},{stamp},AUT,mode,controller" for stamp in stamps[:5]]
+    return written(folder / "query.csv", "\r\n".join([*head, *rows, *words, ""]))
+
+
+def variables_of_a_controller(folder: Path, run: Recorded) -> Path:
+    """CODESYS's storage of data: time in us, path, value and type of each variable, without a line of names."""
+    rows = ["1773216000000000|Device.Application.PRG_Main.iState|20|INT"]
+    for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
+        for k in range(run.n):
+            begin = f"{1773216000000000 + round(1e6 * t)}|Device.Application.GVL_Rob.aAxis[{k + 1}]"
+            slides = run.slides[k]
+            position = f"lrActPos_m|{q[k]:.9g}" if slides else f"lrActPos_deg|{np.degrees(q[k]):.9g}"
+            rows += [f"{begin}.{position}|LREAL", f"{begin}.lrActTrq_{'N' if slides else 'Nm'}|{tau[k]:.9g}|LREAL"]
+            rows.append(f"{begin}.bInPosition|TRUE|BOOL")
+    return written(folder / "storage.csv", "\n".join([*rows, ""]))
+
+
+def keys_with_lists(folder: Path, run: Recorded) -> Path:
+    """AdvantageScope's list: time, key and value, which may be a list, a word or a number; commands stand beside."""
+    rows = ["Timestamp,Key,Value", '2.5,/RealMetadata/ProjectName,"Arm, 2026"', "2.5,/DriverStation/Enabled,false"]
+    for i, t in enumerate(run.t):
+        lists = (("AppliedTorqueNm", run.tau[i]), ("PositionsRad", run.q[i]), ("SetpointsRad", np.round(run.q[i], 2)))
+        rows += [f'{10.0 + t:.6f},/Arm/{name},"[{",".join(map(number, values))}]"' for name, values in lists]
+        if i % 50 == 0:
+            rows.append(f"{10.0 + t:.6f},/SystemStats/BatteryVoltage,{12.0 + 0.1 * run.rng.random():.3f}")
+    return written(folder / "list.csv", "\n".join([*rows, ""]))
+
+
+def lying_table(folder: Path, run: Recorded) -> Path:
+    """A row for each signal, with its name in front."""
+    names = ["time", *counted("joint position {}", run.n, 1), *counted("joint torque {}", run.n, 1)]
+    rows = zip(names, np.column_stack([run.t, run.q, run.tau]).T, strict=True)
+    return written(folder / "lying.csv", "\n".join([",".join([name, *map(number, row)]) for name, row in rows]))
+
+
+def blocks_with_titles(folder: Path, run: Recorded) -> Path:
+    """Traces of a controller, one below another, with the same names and units of their own."""
+    lines = ["*** DATA STORAGE  26/03/12 09:41"]
+    unit = "mm" if run.slides[0] else "deg"
+    signals = (
+        (f"ANGLE (FEEDBACK)|{unit}", run.q),
+        (f"SPEED (FEEDBACK)|{unit}/s", run.dq),
+        ("TORQUE, JOINT|Nm", run.tau),
+    )
+    for label, values in signals:
+        title, _, unit = label.partition("|")
+        shown = np.degrees(values) if unit.startswith("deg") else values
+        lines += [
+            "",
+            f"[{title}]",
+            f"UNIT={unit}",
+            f"SAMPLES={len(run.t)}",
+            "\t".join(["Time[ms]", *counted("JT{}", run.n, 1)]),
+        ]
+        lines += ["\t".join([number(1e3 * t), *map(number, row)]) for t, row in zip(run.t, shown, strict=True)]
+    return written(folder / "traces.txt", "\n".join([*lines, ""]))
+
+
+def capture_with_keys(folder: Path, run: Recorded) -> Path:
+    """A capture of an experiment: a key before names, types, units and the first row; commands before the signals."""
+    places = [f'"Root/{path}[{k}]"' for path in ("Ref/theta_d", "Sensors/theta", "Drives/M_out") for k in range(run.n)]
+    units = 2 * ["mm" if slides else "°" for slides in run.slides] + ["N" if slides else "Nm" for slides in run.slides]
+    angles = np.where(run.slides, 1e3 * run.q, np.degrees(run.q))
+    values = np.column_stack([run.t, np.round(angles), angles, run.tau])
+    rows = [";".join(["", *map(number, row)]) for row in values]
+    head = ["capture;Task 1;period;0.002", ";".join(["path", "Time", *places])]
+    head += [";".join(["type", *["float64"] * values.shape[1]]), ";".join(["unit", "s", *units])]
+    return written(folder / "capture.csv", "\n".join([*head, f"trace_values{rows[0]}", *rows[1:], ""]))
+
+
+def titles_in_chinese(folder: Path, run: Recorded) -> Path:
+    """A pendant's table in the encoding of its country, with commands, a row number and a word of state."""
+    names = [f"关节{k + 1}{what}" for what in ("指令角度(度)", "实际角度(度)", "实际力矩(牛·米)") for k in range(run.n)]
+    angles = np.degrees(run.q)
+    values = np.column_stack([1e3 * run.t, np.round(angles, 1), angles, run.tau])
+    columns = [[str(k + 1) for k in range(len(run.t))], *cells(values), ["运行"] * len(run.t)]
+    text = table(["序号", "时间(毫秒)", *names, "运行状态"], columns)
+    (folder / "pendant.csv").write_bytes(text.encode("gb18030"))
+    return folder / "pendant.csv"
+
+
+def counts_of_a_timer(folder: Path, run: Recorded) -> Path:
+    """Stamps of a 16-bit timer that counts steps of 10 us."""
+    counts = [str((51235 + round(1e5 * t)) % 65536) for t in run.t]
+    names = ["tick_10us", *counted("pos_{}", run.n, 1), *counted("trq_{}", run.n, 1)]
+    return written(folder / "ticks.csv", table(names, [counts, *cells(np.column_stack([run.q, run.tau]))]))
+
+
 EXPORTED_TABLES: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -332,7 +437,9 @@ EXPORTED_TABLES: dict[str, Layout] = {
         structures_of_rust, answer_of_a_data_base, objects_by_their_times, rate_in_a_remark, durations_of_iso,
         tags_with_milliseconds_apart, further_axis, slots_of_a_simulator,
         stamps_in_brackets, messages_of_a_bus, values_without_a_line_of_names, rows_behind_keys,
-        braces_behind_a_time_of_day, numbers_in_brackets, properties_below_the_names,
+        braces_behind_a_time_of_day, numbers_in_brackets, properties_below_the_names, answer_of_a_query,
+        variables_of_a_controller, keys_with_lists, lying_table, blocks_with_titles, capture_with_keys,
+        titles_in_chinese, counts_of_a_timer,
     )
 }  # fmt: skip
 

@@ -29,13 +29,11 @@ _WRITTEN_TIME = re.compile(
     r"^(?:\d{1,4}([-/.])\d{1,2}\1\d{1,4}(?:[T _]+(?=\d+:)|$)|\d{8}[T _](?=\d+:))?"
     r"(?:\d{1,2}:\d{2}(?::\d{2}(?:[.,:]\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?)?$"
 )
-_ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")
-"""A number with commas between thousands, and a decimal point."""
+_ENGLISH = re.compile(r"^[+-]?\d{1,3}(?:,\d{3})+\.\d*$")  # commas between thousands, and a decimal point
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
 _NESTED = re.compile(r"[\[(]\s*[\[(][^\]\[()]*[\])]?\s*,\s*[\[(]|[\[(]\s*[\[(][-+.\d][^\]\[()]*,\s*[\[(]")
 _TUPLE = re.compile(r"^\(.*\)$")
-dialect_bytes = 1 << 16
-"""So many bytes of a file are looked at."""
+dialect_bytes = 1 << 16  # of a file that are looked at
 _ROWS = 200
 _NO_NUMBERS = ("nan", "-nan", "inf", "-inf", "na", "n/a", "null", "none")
 
@@ -164,8 +162,7 @@ def _fit_last_name(names: tuple[str, ...], rows: Sequence[Sequence[str]]) -> tup
     return names[:-1] if is_surplus else names
 
 
-_REMARKS = ("comment", "remark", "kommentar")
-"""Last names above columns whose cells are mostly left out."""
+_REMARKS = ("comment", "remark", "kommentar")  # above columns whose cells are mostly left out
 
 
 def _count_rows(cells: Sequence[str]) -> bool:
@@ -176,8 +173,7 @@ def _count_rows(cells: Sequence[str]) -> bool:
     return len(numbers) == len(cells) and all(after == before + 1 for before, after in itertools.pairwise(numbers))
 
 
-_NAMES_OF_CHANNELS = ("symbolname", "name", "signal", "channel", "kanal")
-"""Lines of a head of channels that name them, the best first."""
+_NAMES_OF_CHANNELS = ("symbolname", "name", "signal", "channel", "kanal")  # of a head, the best first
 
 
 def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header] | None:
@@ -267,7 +263,7 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
             both = tuple("_".join(part for part in pair if part) for pair in zip(names, second, strict=True))
             if len(set(both)) == len(both):
                 names, rows = both, rows + 1
-                if rows < len(lines) and _is_mostly_empty(_split_fields(lines[rows], delimiter)):
+                if rows < len(lines) and 2 * sum(map(bool, _split_fields(lines[rows], delimiter))) < len(names):
                     rows += 1
     units = _read_units(lines, rows, delimiter, names)
     rows += bool(units)
@@ -381,10 +377,6 @@ def _is_comment(lines: list[str], header: int) -> bool:
     return len(_split_fields(text, _find_delimiter(below))) != len(_split_fields(below, _find_delimiter(below)))
 
 
-def _is_mostly_empty(fields: Sequence[str]) -> bool:
-    return 2 * sum(map(bool, fields)) < len(fields)
-
-
 def _skip_titles(lines: list[str], header: int) -> int:
     """Return the line of names below titles, which have fewer fields than the rows, or mostly empty ones."""
     # The last lines that were read are surely rows: they tell the width of the table.
@@ -397,7 +389,7 @@ def _skip_titles(lines: list[str], header: int) -> int:
     def is_whole(line: str) -> bool:
         fields = _split_fields(line.lstrip("#% "), delimiter)
         is_remarked = len(fields) == width + 1 and fields[-1].casefold() in _REMARKS
-        return (len(fields) == width or is_remarked) and not _is_mostly_empty(fields)
+        return (len(fields) == width or is_remarked) and 2 * sum(map(bool, fields)) >= len(fields)
 
     if width < 2 or is_whole(lines[header]):
         return header
@@ -488,13 +480,18 @@ def _list_units(cells: Sequence[str], names: Sequence[str]) -> dict[str, str]:
 
 def _count_properties(lines: Sequence[str], first: int, delimiter: str) -> int:
     """Return how many lines below the names, of words before values, say what the columns have, as LabVIEW's do."""
-    begins = [_split_fields(line, delimiter)[0].casefold() for line in lines[first:]]
+    rows = [_split_fields(line, delimiter) for line in lines[first:]]
+    begins = [row[0].casefold() for row in rows]
     is_word = [begin[:1].isalpha() and not _is_number(begin) for begin in begins]
     n_words = sum(itertools.takewhile(bool, is_word))
-    has_rows = len(begins) > 2 * n_words and not any(is_word[n_words:])
-    are_properties = any(_PROPERTIES.intersection(re.split("[^a-z]+", begin)) for begin in begins[:n_words])
-    return n_words if n_words > 1 and has_rows and are_properties else 0
+    are_properties = [not _PROPERTIES.isdisjoint(re.split("[^a-z]+", begin)) for begin in begins[:n_words]]
+    # A word may say where the rows begin, in the first of them.
+    is_row = n_words and not are_properties[-1] and all(map(_is_number, rows[n_words - 1][1:]))
+    n_words -= bool(is_row and begins[n_words : n_words + 1] == [""])
+    has_rows = len(begins) > 2 * n_words and not any(is_word[n_words + 1 :])
+    return n_words if n_words > 1 and has_rows and any(are_properties) else 0
 
 
-_PROPERTIES = frozenset({"unit", "units", "length", "samples", "increment"})
-"""Words of which one at least stands before such lines."""
+_PROPERTIES = frozenset(
+    {"unit", "units", "length", "samples", "increment", "delta"}
+)  # one at least stands before such lines

@@ -148,7 +148,7 @@ class RecordingMetadata(Request):
         'The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None
     )
     torque_delay: float = declare_field(
-        "Delay of the torque in the file", default=0.0, unit="s", at_least=-1, at_most=1
+        "Delay of the torque in the file", default=0.0, unit="s", at_least=-5, at_most=5
     )
     accept: tuple[str, ...] = declare_field("Names of checks whose errors count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = declare_field(

@@ -17,6 +17,7 @@ from dynident.recordings.file_source import RawSample
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision
+from dynident.recordings.signal_spectra import mark_plateaus
 from dynident.recordings.units import format_time
 
 SATURATED = 5e-3
@@ -25,14 +26,13 @@ SATURATED = 5e-3
 RUN, SHORTEST = 5, 0.01
 """Rows in a row, and s, at the extreme make a plateau: a smooth peak in whole counts stays there for a few ms."""
 
-WIDER = 0.2
-"""Rows that a rounded peak spends one digit below its top, over those at the top: 0.41 of a parabola, half of it where
-friction cuts one side off. A torque that is cut off comes there at its own speed."""
+FAR_BELOW, RARE = 0.9, 0.01
+"""Share of a drive's limit below which a plateau is not the drive's, and of the rows that it takes to spoil a fit."""
 
 STANDS = 0.1
 """Share of its range that a joint may move behind a brake, which gives a little."""
 
-_SATURATES = "the drive, or the log, saturates there. Move more slowly, with less payload, or choose other windows."
+_SLOWER = "Move more slowly, with less payload, or choose other windows."
 
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
@@ -96,7 +96,8 @@ def check_torque(
     if wrong and not layout.n_base:
         # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
         return [*(doubt for doubt in model_checks or () if doubt.name == COMMANDED), *checks]
-    if layout.n_base or any(doubt.name in ("torque_order", "joint_zero", COMMANDED) for doubt in model_checks or ()):
+    doubts = {doubt.name for doubt in model_checks or () if doubt.name != DELAY or doubt.status != "ok"}
+    if layout.n_base or doubts & {"torque_order", "joint_zero", COMMANDED, DELAY}:
         # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
         # mistake, which looks like a delay as well. Friction knows nothing of what the surroundings do to a base.
         return [*checks, *(model_checks or ())]
@@ -130,20 +131,28 @@ def _check_saturation(
     plateaus: list[tuple[float, Check]] = []
     run = max(RUN, round(SHORTEST * recording.sampling_rate))
     for joint in range(layout.n_base, tau.shape[1]):
-        flat = _mark_plateaus(tau[:, joint], run)
+        flat = mark_plateaus(tau[:, joint], run)
         effort = limits[joint].effort
         if effort is not None and np.ptp(tau[:, joint]) > 0:
-            at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if effort > 0 else flat
+            largest = float(np.abs(tau[:, joint]).max())
+            # What the torque goes beyond is not where it saturates.
+            is_bound = effort > 0 and largest < (1.0 + 2.0 * SATURATED) * effort
+            at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if is_bound else flat
             # A convolution with ones counts the neighbours at the limit: single rows are no plateau.
             flat |= at_limit & (np.convolve(at_limit, np.ones(run), "same") >= run)
         share = float(flat.mean())
         if flat.sum() >= run:
             first = int(np.flatnonzero(flat)[0])
+            # A drive that could give more does not stop there: the sensor, or the log, has no larger values, and the
+            # torque itself goes on.
+            is_range = effort is not None and abs(tau[first, joint]) < FAR_BELOW * effort and share > RARE
+            beyond = f"the drive gives up to {effort or 0:g} N m, so the sensor, or the log, is at the end of its range"
+            why = f"{beyond if is_range else 'the drive, or the log, saturates there'}. {_SLOWER}"
             brake = _find_brake(joint, flat, sample, layout)
-            why = _describe_brake(brake) if brake else _SATURATES
+            why = _describe_brake(brake) if brake else why
             check = Check(
                 "saturation",
-                "error" if share > 0.2 else "warning",
+                "error" if share > 0.2 or is_range else "warning",
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
                 f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {format_time(t[first])} "
                 f"s): {why}",
@@ -210,39 +219,6 @@ def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
     last = np.append(first[1:] - 1, len(at) - 1)
     whole = zip(at[first], at[last], strict=True)
     return Revision(exclude=tuple((float(start) - AROUND, float(end) + AROUND) for start, end in whole))
-
-
-def _mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
-    """Mark the rows of runs at the largest or smallest value that last longer than a smooth peak would."""
-    marks = np.zeros(len(tau), dtype=bool)
-    reach = float(np.ptp(tau))
-    if reach == 0.0 or len(tau) < 10 * run:
-        return marks
-    # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
-    resolution = find_step(tau)
-    for extreme in (float(tau.max()), float(tau.min())):
-        # The same value exactly, or to the last digit: a peak of a measured signal is never flat so long.
-        at = np.abs(tau - extreme) <= 1e-9 * reach
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            steps = np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
-            # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not
-            # cut off.
-            changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
-            if end - start >= run and changing and not _is_coarse_peak(tau, start, end, resolution):
-                marks[start:end] = True
-    return marks
-
-
-def _is_coarse_peak(tau: FloatArray, start: int, end: int, resolution: float) -> bool:
-    """Tell whether a run at an extreme is the rounded top of a smooth peak: one digit below it is as wide again."""
-    length = end - start
-    # As many rows on either side as the run has itself decide it: not the whole torque for every plateau.
-    before, after = tau[max(0, start - length) : start][::-1], tau[end : end + length]
-    near = sum(
-        int(np.logical_and.accumulate(np.abs(side - tau[start]) <= 1.5 * resolution).sum()) for side in (before, after)
-    )
-    return near >= WIDER * length
 
 
 def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
@@ -471,29 +447,3 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
         float(sample.t[first]),
         Revision(torque_delay=float(f"{middle:.2g}")),
     )
-
-
-def find_step(values: FloatArray) -> float:
-    """Return the step that a signal comes in, 0 if it shows none.
-
-    Parameters
-    ----------
-    values : (m,)
-        The signal.
-
-    Returns
-    -------
-    float
-    """
-    levels = np.unique(values)
-    levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
-    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
-    if len(levels) < 3 or len(levels) > 0.5 * len(values):
-        return 0.0
-    gaps = np.diff(levels)
-    # Not the smallest gap itself: rounded digits make some gaps a little smaller than a step, and missing levels make
-    # others twice as large.
-    step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
-    whole = gaps / step
-    # A grid: all gaps are whole numbers of steps.
-    return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0

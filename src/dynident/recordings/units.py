@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from math import pi
+from typing import Literal
 
 from dynident.recordings.recording import JointKind
 from dynident.recordings.recording_metadata import RecordingError
@@ -166,3 +167,22 @@ def _normalise_unit(unit: str) -> str:
         unit = unit.replace(sign, "")
     # The Greek mu and the micro sign look alike and are different characters.
     return unit.replace("²", "^2").replace("**2", "^2").replace("s2", "s^2").replace("μ", "µ")
+
+
+def get_signal_of_unit(unit: str | None) -> Literal["t", "q", "dq", "ddq", "tau", "current"] | None:
+    """Return the kind of signal that a unit belongs to, where it is only one."""
+    if unit is None:
+        return None
+    if unit in FACTORS["q", "revolute"]:
+        return "q"
+    if unit in ("rad/s", "deg/s", "rpm", "mrad/s", "rev/s", "m/s", "mm/s", "cm/s"):
+        return "dq"
+    if unit in ("rad/s^2", "deg/s^2"):
+        return "ddq"
+    if unit in MOMENTS:
+        return "tau"
+    if unit in ("A", "mA"):
+        return "current"
+    if unit in FACTORS["t", None]:
+        return "t"
+    return None

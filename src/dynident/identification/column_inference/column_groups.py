@@ -13,13 +13,13 @@ from dynident.identification.column_inference.column_names import (
     ColumnName,
     Signal,
     find_phrase,
-    get_signal_of_unit,
     list_spellings_by_joint,
     strip_shared_words,
 )
 from dynident.identification.column_inference.metadata_proposal import Question, ask_to_lock
 from dynident.number_format import format_percent
 from dynident.recordings.position_checks import MOVED
+from dynident.recordings.units import get_signal_of_unit
 from dynident.robot import Robot
 
 _Stems = dict[tuple[str, ...], dict[int, int]]
@@ -37,10 +37,8 @@ def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Questio
     if positions is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
-    return ask_to_lock(
-        f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file",
-        dict.fromkeys(names, 0),
-    )
+    why = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file"
+    return ask_to_lock(why, dict.fromkeys(names, 0))
 
 
 def find_torque_of_most_joints(
@@ -81,16 +79,18 @@ def find_torque_of_most_joints(
 def _find_forces_of_sliding_joints(
     named: Sequence[ColumnName], robot: Robot, columns: Mapping[int, int]
 ) -> dict[int, int]:
-    """Return the columns of sliding joints that are counted as the torques of the others are, and called forces."""
+    """Return the columns of sliding joints that are counted or named as the torques are, and called forces."""
+    called = {index: other for index, other in enumerate(named) if _FORCES & set(other.words)}
+    hits = {index: _match_joint_name(other.words, robot.joint_names) for index, other in called.items()}
+    forces = {hit[0]: index for index, hit in hits.items() if hit is not None and hit[0] not in columns}
     joint, column = next(iter(columns.items()))
-    if len(named[column].numbers) != 1:
-        return {}
-    numbers = {named[column].numbers[0] - joint + k: k for k in range(robot.n) if k not in columns}
-    forces = {
-        numbers[other.numbers[0]]: index
-        for index, other in enumerate(named)
-        if len(other.numbers) == 1 and other.numbers[0] in numbers and _FORCES & set(other.words)
-    }
+    if len(named[column].numbers) == 1:
+        numbers = {named[column].numbers[0] - joint + k: k for k in range(robot.n) if k not in columns}
+        forces |= {
+            numbers[other.numbers[0]]: index
+            for index, other in called.items()
+            if len(other.numbers) == 1 and other.numbers[0] in numbers
+        }
     return {joint: index for joint, index in forces.items() if robot.joints[joint].kind == "prismatic"}
 
 

@@ -6,11 +6,11 @@ import re
 import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import chain, takewhile
 from types import MappingProxyType
 from typing import Literal
 
-from dynident.recordings.units import FACTORS, MOMENTS
+from dynident.recordings.units import FACTORS, get_signal_of_unit
 
 Signal = Literal["t", "q", "dq", "ddq", "tau", "current", "effort", "temperature", "segment", "other"]
 
@@ -44,19 +44,17 @@ _OTHER = _split_words(
     "tcp cartesian cart force fx fy fz quaternion quat digital analog io state_id safety voltage volt "
     "power payload gripper error err residual bits"
 )
-_STATES = _split_words("status mode")
-"""Words of a state where they stand last; before a signal they say in which message it was sent."""
+_STATES = _split_words("status mode")  # as the last word; before a signal they are the message's
 _WAVES = {"cos": "sin", "sin": "cos", "cosine": "sine", "sine": "cosine"}
 """Words that say that a column is the sine or the cosine of an angle, where the other of the two is there, too."""
 _COMMANDED = _split_words(
-    "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned "
-    "action ipo interpolated ctrl computed"
+    "d cmd command commanded commands target des desired ref reference set setpoint setpoints sp soll goal nominal "
+    "planned action ipo interpolated ctrl computed 指令 命令 目标 目標 给定 설정 목표"
 )
-_MEASURED = _split_words("act actual meas measured ist real feedback fb fbk msr")
+_MEASURED = _split_words("act actual meas measured ist real feedback fb fbk msr 实际 実際 反馈 当前 실제 현재")
 _EXTERNAL = _split_words("ext external contact extern")
 _COMPENSATED = _split_words("gravity grav compensated gravcomp comp")
 _MOTOR = _split_words("motor mot rotor")
-_LINK = _split_words("link")
 
 _UNITS = {
     "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "deg", "mrad": "mrad",
@@ -73,7 +71,8 @@ _UNITS = {
     "lbfft": "lbf ft", "ftlbf": "lbf ft", "lbfin": "lbf in", "inlbf": "lbf in", "ozfin": "ozf in", "ozin": "ozf in",
     "kgf": "kgf", "lbf": "lbf", "gon": "gon", "mdeg": "mdeg", "arcmin": "arcmin", "arcsec": "arcsec", "cnm": "cN m",
     "danm": "daN m", "рад": "rad", "град": "deg", "н·м": "N m", "нм": "N m", "度": "deg", "d": "d", "day": "d",
-    "days": "d", "um": "um", "µm": "um", "μm": "um",
+    "days": "d", "um": "um", "µm": "um", "μm": "um", "弧度": "rad", "度/秒": "deg/s", "弧度/秒": "rad/s", "牛米": "N m",
+    "牛": "N", "毫米": "mm", "秒": "s", "毫秒": "ms", "微秒": "us", "安": "A",
 }  # fmt: skip
 _SUFFIXES = _split_words(
     "rad deg degrees mdeg gon arcmin arcsec mrad rev turns mm cm um rpm nm mnm knm ncm a ma s sec ms us ns permille "
@@ -125,10 +124,12 @@ _ENDING = re.compile(
     re.IGNORECASE,
 )
 _NUMBER_BEHIND = re.compile(r"[_ .\-]\d+$")
-_STRANGE_UNIT = re.compile(
-    r"^(?:[mkµu]?V|mW|W|kW|bar|psi|kPa|counts?|ticks?|LSB|raw|bits?|digits?|inc)$", re.IGNORECASE
-)
+_STRANGE_UNIT = re.compile(r"^(?:[mkµu]?V|mW|W|kW|bar|psi|kPa|counts?|ticks?|LSB|raw|bits?|digits?|inc)$", re.I)
 """Units of what a sensor gives, which only its own constant turns into a torque."""
+_UNSPACED = re.compile(
+    "|".join(sorted(word for word in {*chain(*_WORDS.values()), *_COMMANDED, *_MEASURED} if word > "\u3000"))
+)
+"""Words of languages that put no spaces between them."""
 _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]|[^\W\d_A-Za-zäöüßµμ°]+")
 
 
@@ -223,6 +224,7 @@ def read_names(
     meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}
     columns = []
     spellings = [spelling for own in list_spellings_by_joint(joint_names) for spelling in own]
+    spellings += [(letter,) for letter in _find_letters_of_axes(names)]
     for name in names:
         head = name.rstrip("0123456789")
         plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
@@ -257,6 +259,16 @@ def _tell_apart_by_unit(columns: Sequence[ColumnName]) -> list[ColumnName]:
     ]
 
 
+def _find_letters_of_axes(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the letters of a pendant's axes, where names that end with all of them differ by nothing else."""
+    letters: dict[str, set[str]] = {}
+    for name in names:
+        if len(name) > 2 and not name[-2].isalnum():
+            letters.setdefault(name[:-1], set()).add(name[-1].casefold())
+    axes = (tuple(words[0] for words in pendant) for pendant, _ in PENDANTS)
+    return next((own for own in axes if set(own) in letters.values()), ())
+
+
 def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = ()) -> ColumnName:
     """Read a column's name; `unit` is what the file states elsewhere, `spellings` are the joints' names as words."""
     # Objects of drives and makers' words are put into plain ones before the name is taken apart.
@@ -271,7 +283,7 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     stated = _UNITS.get(_normalise_unit(unit or inner))
     # A number in brackets is an index; anything else is a unit, even if it is not a known one.
     # Labels of a series, {joint="elbow"}, belong to the name.
-    is_named = bracket is None or (stated is None and (inner.isdigit() or "=" in inner))
+    is_named = bracket is None or ((stated is None or bool(unit)) and (inner.isdigit() or "=" in inner))
     text = name if bracket is None or is_named else name[: bracket.start()]
     # The number of the joint may stand behind the unit: torque_cNm_1.
     number = _NUMBER_BEHIND.search(text)
@@ -281,18 +293,20 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
         stated = _UNITS[_normalise_unit(ending.group(1))]
         text = text[: ending.start()] + (behind if ending.end() < len(text) else "")
     # Capitals separate words, as in jointPosition, so they are lowered only after the split.
-    words = tuple(word.casefold() for word in _PART.findall(text))
+    words = tuple(word.casefold() for word in _PART.findall(_UNSPACED.sub(r" \g<0> ", text)))
     places = [(len(spelling), place) for spelling in spellings if (place := find_phrase(words, spelling)) is not None]
     length, place = max(places, default=(0, 0))
-    if not length or place + length < len(words):
-        # The last letter of a joint's name is no unit: axis_a is not in amperes.
-        words, stated = _split_unit(words, stated)
+    # The last letter of a joint's name is no unit: axis_a is not in amperes. A unit may stand before it: trq_pct_B.
+    behind_unit = words[place:] if length and place + length == len(words) else ()
+    words, stated = _split_unit(words[: len(words) - len(behind_unit)], stated)
+    words, place = (*words, *behind_unit), len(words) if behind_unit else place
     strange_unit = inner if stated is None and _STRANGE_UNIT.match(inner) else ""
     if stated is None and not unit and not strange_unit and is_of_rated:
         stated = "permille"
     everything = [word for word in words if not word.isdigit()]
     plain = [word for word in (*words[:place], *words[place + length :]) if not word.isdigit()]
-    signal = _classify_signal(plain) or _classify_signal(everything)
+    is_letter = bool(plain) and length == 1 == len(words[place])
+    signal = _classify_signal(plain) or (None if is_letter else _classify_signal(everything))
     return ColumnName(
         name,
         signal,
@@ -304,7 +318,7 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
         external=any(word in _EXTERNAL for word in plain),
         compensated=any(word in _COMPENSATED for word in plain),
         motor=any(word in _MOTOR for word in plain),
-        link=any(word in _LINK for word in plain) and not any(word == "joint" for word in everything),
+        link="link" in plain and not any(word == "joint" for word in everything),
         strange_unit=strange_unit,
     )
 
@@ -335,7 +349,9 @@ def list_spellings_by_joint(names: Sequence[str]) -> list[list[tuple[str, ...]]]
     spellings = [list_spellings(name) for name in names]
     if any(spellings):
         whole = [tuple(word.casefold() for word in _JOINT_WORD.findall(name)) for name in names]
-        spellings = [own or [words] * (len(words) > 1) for own, words in zip(spellings, whole, strict=True)]
+        # Axes called z, a, b, c are single letters, some of which are general words beside a number.
+        fewest = 2 - all(len(words) == len(words[0]) == 1 for words in whole if words)
+        spellings = [own or [words] * (len(words) >= fewest) for own, words in zip(spellings, whole, strict=True)]
     return spellings
 
 
@@ -362,25 +378,6 @@ def _normalise_unit(unit: str) -> str:
     return unit if unit in _UNITS else re.sub(r"[ *·⋅._]", "", unit)
 
 
-def get_signal_of_unit(unit: str | None) -> Signal | None:
-    """Return the kind of signal that a unit belongs to, where it is only one."""
-    if unit is None:
-        return None
-    if unit in FACTORS["q", "revolute"]:
-        return "q"
-    if unit in ("rad/s", "deg/s", "rpm", "mrad/s", "rev/s", "m/s", "mm/s", "cm/s"):
-        return "dq"
-    if unit in ("rad/s^2", "deg/s^2"):
-        return "ddq"
-    if unit in MOMENTS:
-        return "tau"
-    if unit in ("A", "mA"):
-        return "current"
-    if unit in FACTORS["t", None]:
-        return "t"
-    return None
-
-
 def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, ...], str | None]:
     """Split a unit off the end of the words: angle_1_deg."""
     if stated is None and len(words) >= 3 and words[-2:] in _PAIRS:
@@ -392,6 +389,9 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
         signal = _classify_signal([word for word in words[:-1] if not word.isdigit()])
         if len(words[-1]) > 1 or signal in (None, "effort", get_signal_of_unit(_UNITS[words[-1]])):
             return words[:-1], _UNITS[words[-1]]
+    # The joint's number may stand behind it: PositionsRad_1.
+    if stated is None and len(words) >= 3 and len(words[-2]) > 1 and words[-2] in _SUFFIXES and words[-1].isdigit():
+        return (*words[:-2], words[-1]), _UNITS[words[-2]]
     return words, stated
 
 

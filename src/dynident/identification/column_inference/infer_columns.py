@@ -24,6 +24,7 @@ from dynident.identification.column_inference.column_statistics import (
     SLOPE,
     Clock,
     Sample,
+    ask_about_further_axes,
     correlate_slopes,
     drop_empty_rows,
     fill_gaps,
@@ -34,7 +35,6 @@ from dynident.identification.column_inference.column_statistics import (
     mask_outliers,
     restore_masked,
 )
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Proposal, Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
@@ -142,7 +142,7 @@ class _ColumnInference(WorkingProposal):
         self.t = self.t[good]
         labels = None if segment is None else segment[good]
         # From here on every guess can be tested: right columns let the dynamics explain more of the torque.
-        kind_of_fits = PoseFits if self.of_poses else DynamicsFits if self.moving_base is None else NoFits
+        kind_of_fits = PoseFits if self.of_poses else dynamics_fits.DynamicsFits if self.moving_base is None else NoFits
         self.fits = kind_of_fits(self.robot, self.t, labels)
         others = [name for index, name in enumerate(self.column_names) if index != clock.column]
         places = [index for index in range(len(self.column_names)) if index != clock.column]
@@ -190,6 +190,7 @@ class _ColumnInference(WorkingProposal):
             add_base_columns(self, self.moving_base)
         drop_dependent_questions(self)
         self._ask_about_guessed_time()
+        self.questions += ask_about_further_axes(self.column_names, self.columns, self.values)
         if strangers := _find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
@@ -465,8 +466,7 @@ class _ColumnInference(WorkingProposal):
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
         fields = {question.field for question in questions}
         if fields & {"units/tau", "columns"}:
-            # A question that says by how much the torques are off, or whose they are, replaces those that only say that
-            # they are; that they are no measured torques at all has no choices, and stays.
+            # By how much torques are off, or whose they are, replaces that they are; what has no choices stays.
             is_scaled = "units/tau" in fields and effort.signal == "tau"
             replaced = ("units/tau", "effort_kind") if is_scaled else ("units/tau",)
             self.questions = [

@@ -417,12 +417,13 @@ def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: 
     small, large = ("mN m", "kN m") if kind == "revolute" else ("mN", "kN")
 
     def is_fitting(unit: str) -> bool:
-        # Limits of effort bound each joint's torque; placeholders among them say nothing.
-        in_si = known[unit] * most
-        for index, limit in zip(of_kind, allowed, strict=True):
-            own = known[unit] * float(np.nanmax(np.abs(tau[:, index])))
-            if limit and limit < max(_PLACEHOLDER, 100 * usual) and own > 1.6 * limit:
-                return False
+        # Limits of effort bound each joint's torque. Placeholders say nothing, and some are only those that a drive
+        # gives all day; the next unit is a thousand times as large.
+        in_si, largest = known[unit] * most, max(_PLACEHOLDER, 100 * usual)
+        own = (known[unit] * float(np.nanmax(np.abs(tau[:, index]))) for index in of_kind)
+        shares = [value / limit for value, limit in zip(own, allowed, strict=True) if limit and limit < largest]
+        if shares and np.median(shares) > 5.0:
+            return False
         limits = [limit for limit in allowed if limit and limit < _PLACEHOLDER]
         if limits:
             return in_si > 4e-3 * max(limits)

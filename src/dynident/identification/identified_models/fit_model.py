@@ -20,6 +20,7 @@ from dynident.identification.equations.model_and_data_checks import check_reduct
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
 from dynident.identification.estimation_problem import Problem, ShapeUncertainty
 from dynident.identification.identification_choices import IdentificationChoices
+from dynident.identification.identified_models.held_out_gain import describe_other_conditions
 from dynident.identification.identified_models.identification_result import (
     NONE_IN_MEMORY,
     Estimate,
@@ -28,7 +29,7 @@ from dynident.identification.identified_models.identification_result import (
 )
 from dynident.identification.shape_constant_intervals import judge_shape_constants
 from dynident.identification.shape_refinement import reduce_with_shapes
-from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, find_bodies
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.strategies.solve_by_strategy import solve_by_strategy
 from dynident.identification.thresholds import (
     DETERMINED,
@@ -41,7 +42,6 @@ from dynident.number_format import format_percent
 from dynident.parallel import defer
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.errors_by_phase import compute_moving_errors
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.regressors.row_cache import CachedRows
@@ -56,9 +56,6 @@ OF_COMMANDS = (
 
 _MISFIT = 0.2
 """Share of the torque left by the fit, above which the data are doubted; sound arms leave 3 to 15 %."""
-
-_FELT = 1e-9
-"""Relative size of the parameters of a load below which the motion does not show one."""
 
 _MOST_NAMED = 12
 """Uncertain parameters that are named; the others are counted."""
@@ -241,7 +238,7 @@ def _warn_of_overfit(identification: Identification) -> list[str]:
         ]
     # A model may fit noise as well. Held-out data show it, because their noise is another.
     if held_out.relative_total > OVERFIT * fit.relative_total:
-        reason = _describe_other_load(identification) or (
+        reason = describe_other_conditions(identification) or (
             "the data do not determine the model, or the validation motion shows effects that the identification "
             "motion did not show, such as another load."
         )
@@ -250,51 +247,6 @@ def _warn_of_overfit(identification: Identification) -> list[str]:
             f"{format_percent(fit.relative_total, decimals=1)} in the fit: {reason}"
         ]
     return []
-
-
-def _describe_other_load(identification: Identification) -> str:
-    """Say what other load the held-out recordings may carry; "" where none brings their error near that of the fit.
-
-    A load changes the ten parameters of the last link alone, so that few numbers have to explain all joints' torques.
-    """
-    data, model, values = identification.data.held_out, identification.model, identification.values
-    if data is None:
-        return ""
-    inner = {joint.parent for joint in model.robot.joints}
-    reach = sum(float(np.linalg.norm(joint.placement[:3, 3])) for joint in model.robot.joints)
-    links = {name for place, name in enumerate(model.robot.joint_names) if place not in inner}
-    for body in find_bodies(model.columns):
-        if body.link not in links or model.robot.linkage is not None:
-            continue
-        change = model.base.grouping[:, body.columns]
-        parts, residuals, by_factor = [], [], 0.0
-        for equation, sigma in zip(data.equations, identification.estimate.noise, strict=True):
-            rows = equation.whole_factor / (sigma or 1.0)
-            parts.append(rows[:, :-1] @ change[equation.columns])
-            predicted = rows[:, :-1] @ values[equation.columns]
-            residuals.append(rows[:, -1] - predicted)
-            factor = float(predicted @ rows[:, -1]) / max(float(predicted @ predicted), np.finfo(float).tiny)
-            by_factor += float(((rows[:, -1] - factor * predicted) ** 2).sum())
-        observed, residual = np.concatenate(parts), np.concatenate(residuals)
-        sizes = np.maximum(np.linalg.norm(observed, axis=0), np.finfo(float).tiny)
-        load = np.linalg.lstsq(observed / sizes, residual, rcond=_FELT)[0] / sizes
-        unexplained = float(((residual - observed @ load) ** 2).sum())
-        # The load has to leave what the fit leaves, and more than that a gain for each joint, which may be the cause.
-        n_rows = sum(float(equation.counts.sum()) for equation in data.equations)
-        if unexplained > OVERFIT**2 * n_rows or by_factor <= OVERFIT**2 * unexplained:
-            continue
-        left = compute_moving_errors(data, values + change @ load).relative_total
-        # Mass and centre have to be a body's: any ten numbers explain some of any error.
-        mass, centre = float(load[-1]), float(np.linalg.norm(load[6:9]))
-        if not abs(mass) > 0.0 or centre > reach * abs(mass):
-            continue
-        more = "more" if mass > 0.0 else "less"
-        return (
-            f"the validation recording may carry another load. One on {body.link} of {abs(mass):.2g} kg {more} than "
-            f"in the fit leaves {format_percent(left, decimals=1)}. If so, validate with the load of the fit, or "
-            "identify with the one that the model is for."
-        )
-    return ""
 
 
 def _warn_of_friction_signs(identification: Identification) -> list[str]:

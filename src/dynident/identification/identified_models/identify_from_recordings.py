@@ -38,6 +38,7 @@ from dynident.identification.equations.reduced_recordings import split_friction_
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import identify_model
 from dynident.identification.identified_models.gravity_from_poses import are_poses, identify_poses
+from dynident.identification.identified_models.held_out_gain import describe_temperatures
 from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
 from dynident.identification.shape_search import check_choices, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
@@ -439,7 +440,10 @@ def complete_identification(
         band, why = narrow
         narrowed = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
         return narrowed.with_changes(warnings=defer(lambda: (why, *narrowed.warnings)))
-    warnings = defer(lambda: (*_warn_of_slow_motion(identified), *identified.warnings, *_warn_of_masses(identified)))
+    warmth = describe_temperatures(ordinary, validation)
+    warnings = defer(
+        lambda: (*_warn_of_slow_motion(identified), *warmth, *identified.warnings, *_warn_of_masses(identified))
+    )
     return add_digests(identified.with_changes(warnings=warnings), recordings, validation)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import scipy
@@ -18,6 +18,10 @@ BESIDE_OFFSETS = 0.1
 short right motions of one that has them it was mostly less than nothing, and at most 0.09; of what can be planted in
 two recordings of a KR300, where most of it has a small share, one in twenty gave less. What comes of it is among the
 short motions of `benchmarks/gross_mistakes.py`."""
+
+LATEST, EARLIEST = 0.017, -0.005
+"""s between which the delay of a correct log lies: filters of drives delay the torque by up to 14 ms on the open
+recordings, and nothing makes it come before its cause (`benchmarks/gross_mistakes.py`)."""
 
 FaultKind = Literal[
     "torques swapped",
@@ -386,3 +390,68 @@ def build_revision(fault: ColumnFault, n: int) -> Revision | None:
 def list_zeros(fault: ColumnFault) -> dict[str, float]:
     """Return the zeros of joints as metadata state them, in rad by our names of columns."""
     return {f"q{joint + 1}": float(f"{zero:.8g}") for joint, zero in fault.zeros.items()}
+
+
+class UnexplainedShares(Protocol):
+    """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit.
+
+    They are not cut off where nearly all is explained: a delay shows there, too.
+    """
+
+    @property
+    def fine(self) -> FloatArray: ...  # noqa: D102
+
+    @property
+    def fine_inside(self) -> float: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Delay of the torque of a motion.
+
+    Parameters
+    ----------
+    seconds : float
+        The delay in s; below zero where the torque is early.
+    is_fault : bool
+        Whether it is a fault of the log, and more than drives delay.
+    left_with : float
+        Unexplained share of an average joint's torque as it is.
+    left_without : float
+        The same with the delay taken out.
+    is_at_the_end : bool
+        Whether it is the largest delay that was tried: the cause then need not be a delay.
+    """
+
+    seconds: float
+    is_fault: bool
+    left_with: float
+    left_without: float
+    is_at_the_end: bool
+
+
+def average_shares(unexplained: Sequence[UnexplainedShares]) -> FloatArray:
+    """Return the same for each of several trials."""
+    return np.array([average_share(trial) for trial in unexplained])
+
+
+def average_share(unexplained: UnexplainedShares) -> float:
+    """Return the mean logarithm of the shares held out."""
+    return float(unexplained.fine.mean())
+
+
+def is_possible_delay(seconds: float) -> bool:
+    """Tell whether drives delay a torque by so many seconds."""
+    return EARLIEST <= seconds <= LATEST
+
+
+def find_lowest(delays: FloatArray, unexplained: FloatArray) -> float:
+    """Return the delay with the smallest unexplained share, by a parabola through the best that was tried."""
+    best = int(np.argmin(unexplained))
+    if best in (0, len(delays) - 1):
+        return float(delays[best])
+    x, y = (values[best - 1 : best + 2] for values in (delays, unexplained))
+    # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards. Squared
+    # shares grow with the square of the distance, where their logarithms have a corner.
+    a, b, _ = np.polyfit(x, np.exp(2.0 * (y - y.min())), 2)
+    return float(np.clip(-0.5 * b / a, x[0], x[-1])) if a > 0 else float(x[1])

@@ -15,6 +15,7 @@ from dynident.identification.recording_faults.column_faults import (
     FaultKind,
     Motion,
     build_revision,
+    is_possible_delay,
 )
 from dynident.identification.recording_faults.description_fit import report_description_units
 from dynident.identification.recording_faults.fault_search import (
@@ -43,9 +44,10 @@ from dynident.identification.recording_faults.joint_angle_faults import (
 )
 from dynident.identification.recording_faults.rows_for_fault_search import (
     HeldOutFits,
+    drop_scales_of_loads,
     filter_for_search,
     find_delay,
-    is_possible_delay,
+    report_clocks,
     report_torque_steps,
     thin_out,
 )
@@ -75,7 +77,6 @@ _SILENT = {"torque_scale", "joint_coupling", "joint_zero", "position_scale"}
 """Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
 GRAVITY, SCALE = "gravity_direction", "torque_scale"
-
 VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
 """Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
 
@@ -83,12 +84,10 @@ CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling", ZERO)
 """Checks that name possible causes where a model fails."""
 
 _HARDLY_BETTER = 1.1
-"""Ratio of the unexplained shares with and without a fault, below which negative friction is the reason to report
-it."""
+"""Ratio of the unexplained shares with and without a fault, below which negative friction is why it is reported."""
 
 _MASSES = "Torques do not match the masses of the description: "
 _FRICTION = "Friction is far larger than on the other joints, or than the drive can overcome: "
-
 _OTHER_CAUSES = " If columns and signs are right, check gravity, the zeros of the joints and the drive gains."
 
 
@@ -144,7 +143,7 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         Without checks where the recording is too short, or the robot has too many joints.
     """
     units = find_description_units(robot)
-    # Masses in grams would make every torque look a thousand times too small: the description is brought to SI first.
+    # Masses in grams make every torque look a thousand times too small: the description is brought to SI first.
     machine = robot if units is None else units.to_si(robot)
     described = () if units is None else (report_description_units(units),)
     judges = HeldOutFits(machine)
@@ -153,10 +152,13 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     if not bands:
         return DynamicsCheck(described, None)
     motion = thin_out(bands[0][0])
-    # A commanded gravity torque explains itself perfectly, so it has to be refused before any fit is compared.
+    # A commanded gravity torque explains itself perfectly: it is refused before any fit is compared.
     static = find_static_torque(machine, motion, judges.plain_fit)
     if static is not None:
         return DynamicsCheck((_report_commanded(static, tau), *described), None)
+    if not recording.torque_from_commands and (clocks := report_clocks(machine, *bands[0], tau, judges)) is not None:
+        # Every other search is for what only looks like this, in rows that do not belong together.
+        return DynamicsCheck((clocks, *described), judges.plain_fit.measure_unexplained(motion))
     search_result = search_bands(machine, bands, judges)
     if search_result is None:
         # A fit has too many parameters for so few rows; the masses of the description have few.
@@ -197,7 +199,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     else:
         # Sizes are looked at only where order and signs are right: a wrong column has any size, and so has a step.
         frictions = judges.plain_fit.measure_frictions(motion)
-        findings = _report_scales(find_torque_scales(machine, motion, excess, frictions), recording, tau)
+        wrong_sizes = find_torque_scales(machine, motion, excess, frictions)
+        findings = _report_scales(drop_scales_of_loads(wrong_sizes, motion, judges.plain_fit), recording, tau)
         if all(check.status == "ok" for check in findings) and not recording.torque_from_commands:
             # A delay can only be estimated once all torques are in the same unit; of servos, play looks like one.
             findings = (*_check_delay(machine, *bands[band], tau, judges), *findings)
@@ -311,11 +314,8 @@ def _check_delay(
     if (delay := find_delay(robot, motion, period, judges)) is None:
         return ()
     word = "late" if delay.seconds > 0 else "early"
-    if delay.is_at_the_end or delay.left_without > CURED:
-        # An elastic arm looks late or early, too, and by more than the delay of any log.
-        nothing = (
-            "The delay between torque and position cannot be determined: the torque is poorly explained with any delay."
-        )
+    if delay.is_at_the_end or delay.left_without > CURED:  # as of an elastic arm, by more than the delay of any log
+        nothing = "The delay between torque and position cannot be determined: no delay explains the torque well."
         return (Check(DELAY, "ok", nothing),)
     if not delay.is_fault:
         shown = f"By the robot's dynamics the torque is {1e3 * abs(delay.seconds):.1f} ms {word}"

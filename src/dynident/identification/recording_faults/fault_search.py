@@ -296,7 +296,8 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         lowest, near = trials.find_alike((best, unexplained), possible_zeros)
         best, unexplained = _choose_among_alike(lowest, near, described)
         alike = [fault for fault, _ in near if fault != best and not _is_same_angle(fault, best)]
-        pair = _find_turned_pair(best, unexplained, judge, motion) if best.kind == "joint turned" else None
+        is_turned = best.kind == "joint turned"
+        pair = _find_turned_pair(best, unexplained, judge, motion, described) if is_turned else None
         if pair is not None and not described.refutes(pair[0]):
             return _FaultStep(pair[0], (), pair[1], described.bears_out(*pair))
         if best.kind == "torque scaled":
@@ -382,11 +383,17 @@ def _find_fault_by_masses(trials: _Trials, now: UnexplainedTorque, described: De
     return None
 
 
-def _find_turned_pair(single: ColumnFault, left: UnexplainedTorque, judge: HeldOutFit, motion: Motion) -> _Trial | None:
-    """Return two turned joints that explain clearly more than a single one: of two, a third may seem to be turned."""
+def _find_turned_pair(
+    single: ColumnFault, left: UnexplainedTorque, judge: HeldOutFit, motion: Motion, described: DescriptionFit
+) -> _Trial | None:
+    """Return two turned joints that explain clearly more than a single one: of two, a third may seem to be turned.
+
+    Where they explain hardly more the masses of the description decide, as of joints turned in turn of one plane.
+    """
     faults = [ColumnFault(single.kind, pair) for pair in combinations(np.flatnonzero(left.moving).tolist(), 2)]
     pair = next(_Trials(judge, motion, faults, most=left.score).iterate_below(left.score), None)
-    return pair if pair is not None and left.is_surely_above(pair[1]) else None
+    is_better = pair is not None and (left.is_surely_above(pair[1]) or described.prefers(pair[0], single))
+    return pair if is_better else None
 
 
 def _choose_among_alike(best: _Trial, near: Sequence[_Trial], described: DescriptionFit) -> _Trial:

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from math import floor
-from typing import Protocol
 
 import numpy as np
 import scipy
 
 from dynident.array_types import FloatArray, IntArray
 from dynident.effects import ANGLE_FRICTION, OFFSETS
-from dynident.errors import DynidentError
-from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.torque_scale import find_driving_joints, find_revolute_joints
+from dynident.errors import DynidentError, Remedy
+from dynident.identification.recording_faults.column_faults import (
+    Delay,
+    Motion,
+    UnexplainedShares,
+    average_share,
+    average_shares,
+    find_lowest,
+    is_possible_delay,
+)
+from dynident.identification.recording_faults.torque_scale import (
+    TorqueScale,
+    find_driving_joints,
+    find_revolute_joints,
+)
 from dynident.identification.recording_faults.tree_fit import BLOCKS, find_joints_at_rest, find_moving_joints
 from dynident.identification.recording_faults.unexplained_torque import CLEARLY, HeldOutFit, find_joints_with_friction
 from dynident.number_format import format_percent
@@ -24,13 +35,12 @@ from dynident.recordings.low_pass_decimation import filter_in_parallel
 from dynident.recordings.nonparametric_fit import shorten_recording
 from dynident.recordings.preprocessing import OVERSAMPLING
 from dynident.recordings.recording import SampleBlock
-from dynident.recordings.recording_metadata import Check
+from dynident.recordings.recording_metadata import DELAY, Check, Revision
 from dynident.recordings.units import format_time
 from dynident.robot.robot_model import Robot
 
 _ROWS = 2500
 """Rows that faults are looked for in: every candidate is fitted to them, so more would take longer and tell little."""
-
 
 _ROWS_PER_COLUMN = 13
 """Rows for each independent parameter that a fit needs, at least, to tell one order of the columns from another."""
@@ -41,11 +51,6 @@ _ROWS_PER_SAMPLE = 0.5 * OVERSAMPLING
 _EXPLAINED = 0.2
 """Share left of an average joint's torque, or of the worst joint's, from which on lower cut-offs
 are tried: an elastic arm leaves that with the filters of an identification, and half of it with lower ones."""
-
-
-LATEST, EARLIEST = 0.017, -0.005
-"""s between which the delay of a correct log lies: filters of drives delay the torque by up to 14 ms on the open
-recordings, and nothing makes it come before its cause (`benchmarks/gross_mistakes.py`)."""
 
 _CLEARLY, _SURELY = 0.004, 1.5
 """Mean logarithm by which the unexplained share of the torque falls with the delay taken out, and over its standard
@@ -61,44 +66,6 @@ _CANDIDATES = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012,
 _LONGER = (0.07, 0.1, 0.15, 0.22, 0.3)
 """s: tried one after another where the longest of them explains most, until one explains less."""
 _FEW = 8
-
-
-class UnexplainedShares(Protocol):
-    """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit.
-
-    They are not cut off where nearly all is explained: a delay shows there, too.
-    """
-
-    @property
-    def fine(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def fine_inside(self) -> float: ...  # noqa: D102
-
-
-@dataclass(frozen=True)
-class Delay:
-    """Delay of the torque of a motion.
-
-    Parameters
-    ----------
-    seconds : float
-        The delay in s; below zero where the torque is early.
-    is_fault : bool
-        Whether it is a fault of the log, and more than drives delay.
-    left_with : float
-        Unexplained share of an average joint's torque as it is.
-    left_without : float
-        The same with the delay taken out.
-    is_at_the_end : bool
-        Whether it is the largest delay that was tried: the cause then need not be a delay.
-    """
-
-    seconds: float
-    is_fault: bool
-    left_with: float
-    left_without: float
-    is_at_the_end: bool
 
 
 def estimate_delay(
@@ -142,8 +109,8 @@ def estimate_delay(
         tried[float(np.copysign(longer, best))] = left_of(shift_torque(float(np.copysign(longer, best))))
     delays = np.array(sorted(tried))
     unexplained = [tried[float(delay)] for delay in delays]
-    held_out, inside = _average(unexplained), np.array([trial.fine_inside for trial in unexplained])
-    seconds = _find_lowest(delays, held_out)
+    held_out, inside = average_shares(unexplained), np.array([trial.fine_inside for trial in unexplained])
+    seconds = find_lowest(delays, held_out)
     now, then = tried[0.0], left_of(shift_torque(seconds))
     fall = now.fine - then.fine
     # A paired comparison over the same blocks.
@@ -156,17 +123,13 @@ def estimate_delay(
     if is_fault:
         # Tested last, as it needs a second model: made only where all others say yes.
         beside = [left_beside(shift_torque(float(delay))) for delay in delays]
-        is_fault = _is_impossible(delays, _average(beside), seconds)
-        if _average(beside).min() < held_out.min():
+        is_fault = _is_impossible(delays, average_shares(beside), seconds)
+        if average_shares(beside).min() < held_out.min():
             # The model that explains more measures the delay.
-            seconds = _find_lowest(delays, _average(beside))
+            seconds = find_lowest(delays, average_shares(beside))
             now, then = beside[int(np.flatnonzero(delays == 0.0)[0])], left_beside(shift_torque(seconds))
     is_at_the_end = seconds in (delays[0], delays[-1])
     return Delay(seconds, is_fault, float(np.exp(now.fine.mean())), float(np.exp(then.fine.mean())), is_at_the_end)
-
-
-def _average(unexplained: Sequence[UnexplainedShares]) -> FloatArray:
-    return np.array([_get_mean(trial) for trial in unexplained])
 
 
 def _is_impossible(delays: FloatArray, unexplained: FloatArray, seconds: float) -> bool:
@@ -175,26 +138,9 @@ def _is_impossible(delays: FloatArray, unexplained: FloatArray, seconds: float) 
     On the side of zero that `seconds` are on. Held out, inside the fit and beside other torques alike: in short motions
     one of these alone is chance.
     """
-    lowest, as_is = _find_lowest(delays, unexplained), float(unexplained[delays == 0.0][0])
+    lowest, as_is = find_lowest(delays, unexplained), float(unexplained[delays == 0.0][0])
     clear = as_is - unexplained.min() >= max(_CLEARLY, _SHARP * lowest**2)
     return bool(clear) and not is_possible_delay(lowest) and (lowest > 0) == (seconds > 0)
-
-
-def is_possible_delay(seconds: float) -> bool:
-    """Tell whether drives delay a torque by so many seconds."""
-    return EARLIEST <= seconds <= LATEST
-
-
-def _find_lowest(delays: FloatArray, unexplained: FloatArray) -> float:
-    """Return the delay with the smallest unexplained share, by a parabola through the best that was tried."""
-    best = int(np.argmin(unexplained))
-    if best in (0, len(delays) - 1):
-        return float(delays[best])
-    x, y = (values[best - 1 : best + 2] for values in (delays, unexplained))
-    # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards. Squared
-    # shares grow with the square of the distance, where their logarithms have a corner.
-    a, b, _ = np.polyfit(x, np.exp(2.0 * (y - y.min())), 2)
-    return float(np.clip(-0.5 * b / a, x[0], x[-1])) if a > 0 else float(x[1])
 
 
 class HeldOutFits:
@@ -354,6 +300,35 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> list[tuple[M
     return bands[best:] if left >= _EXPLAINED else [bands[best]]
 
 
+def drop_scales_of_loads(
+    scales: tuple[TorqueScale, ...] | None, motion: Motion, judge: HeldOutFit
+) -> tuple[TorqueScale, ...] | None:
+    """Return the scales without those of joints whose torques agree with the others' as they are.
+
+    The masses of the description are then wrong for this recording, as with a load on the flange.
+
+    Parameters
+    ----------
+    scales : tuple of TorqueScale, or None
+        Torques that do not match the masses of the description.
+    motion : Motion
+        Filtered rows of the recording.
+    judge : HeldOutFit
+        Fit of the robot.
+    """
+    n = motion.tau.shape[1]
+    if not scales or len(scales) == n:
+        return scales
+    now = judge.measure_unexplained(motion)
+
+    def agrees(scale: TorqueScale) -> bool:
+        factors = np.where(np.arange(n) == scale.joint, 1.0 / scale.times, 1.0)
+        mended = judge.measure_unexplained(replace(motion, tau=motion.tau * factors))
+        return mended.is_surely_above(now, by_friction=False)
+
+    return tuple(scale for scale in scales if scale.by_friction or not agrees(scale))
+
+
 def report_torque_steps(
     motion: Motion, recording: Recording, tau: Sequence[str], judges: HeldOutFits
 ) -> tuple[Check, ...]:
@@ -397,6 +372,94 @@ def has_enough_rows(motion: Motion, judge: HeldOutFit, times: float = 1.0) -> bo
     ) >= times * _ROWS_PER_COLUMN * judge.count_columns(motion)
 
 
+_FARTHEST, _MOST_OF_IT = 5.0, 0.2
+"""s, and share of a recording, that the clocks of positions and torques may be apart."""
+_NEAR = 0.045
+"""s within which drives, elastic arms and single columns that are wrong make a torque look late or early."""
+_CLEARLY_LESS = 0.5
+"""Share of what is unexplained that may be left with the clocks brought together: of what else is wrong with a
+recording, such as columns that are exchanged, another time explains next to nothing."""
+
+
+def _find_clock_shift(motion: Motion, judge: HeldOutFit) -> float:
+    """Return how many s the clock of the torques is ahead of that of the positions; 0 where it is the same.
+
+    Parameters
+    ----------
+    motion : Motion
+        Filtered rows of the recording, in their order.
+    judge : HeldOutFit
+        Fit of the robot.
+    """
+    few = thin_out(motion)
+    step = float(np.median(np.diff(few.t))) if len(few.t) > 1 else 0.0
+    most = int(min(_FARTHEST, _MOST_OF_IT * (few.t[-1] - few.t[0])) / step) if step > 0.0 else 0
+    if most * step <= 2.0 * _NEAR or not has_enough_rows(motion, judge):
+        return 0.0
+    shifts = np.arange(-most, most + 1)
+    left = judge.measure_shifted(few, shifts)
+    best = int(np.argmin(left))
+    is_clear = left[best] <= _CLEARLY_LESS * left[most] and left[best] <= _EXPLAINED
+    is_inside = 0 < best < len(shifts) - 1 and abs(shifts[best]) * step > _NEAR
+    return float(shifts[best] * step) if is_clear and is_inside else 0.0
+
+
+def _shift_torques(motion: Motion, seconds: float, period: float) -> Motion:
+    """Return the rows that have a torque of so many s later, to whole rows of a period.
+
+    Parameters
+    ----------
+    motion : Motion
+        Filtered rows of the recording, in their order.
+    seconds, period : float
+        How much later, and between rows.
+    """
+    rows = round(seconds / period)
+    early, late = slice(max(0, -rows), len(motion.q) - max(0, rows)), slice(max(0, rows), len(motion.q) - max(0, -rows))
+    q, dq, ddq, t = (np.ascontiguousarray(signal[early]) for signal in (motion.q, motion.dq, motion.ddq, motion.t))
+    return Motion(q, dq, ddq, np.ascontiguousarray(motion.tau[late]), np.arange(len(q)) * BLOCKS // len(q), t)
+
+
+def report_clocks(robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: HeldOutFits) -> Check | None:
+    """Report clocks of positions and torques that are apart; None where they are the same, as far as can be told.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        All filtered rows, in their order.
+    period : float
+        s between rows.
+    tau : names
+        What the user calls the columns of torques.
+    judges : HeldOutFits
+        Fits of the robot.
+    """
+    seconds = _find_clock_shift(motion, judges.plain_fit)
+    if not seconds:
+        return None
+    rows = round(seconds / period)
+    shifted = _shift_torques(motion, seconds, period)
+    delay = find_delay(robot, shifted, period, judges)
+    if delay is None or delay.is_at_the_end or delay.left_without > _EXPLAINED:
+        return None
+    seconds = round(rows * period + delay.seconds, 3)
+    word, remedy = "late" if seconds > 0 else "early", Remedy(DELAY, seconds)
+    left = judges.plain_fit.measure_unexplained(thin_out(motion)).average_share
+    return Check(
+        DELAY,
+        "error" if left > _EXPLAINED else "warning",
+        f"The torque is {abs(seconds):.3g} s {word} against the position, as where both were stamped by different "
+        f"clocks: the robot's dynamics leave {format_percent(left, decimals=0)} of an average joint's torque "
+        f"unexplained, and {format_percent(delay.left_without, decimals=1)} without this delay. Correct it by {remedy} "
+        "(in s) for this recording; another one has another delay if the clocks were set in between.",
+        tau[0],
+        apply=Revision(torque_delay=seconds),
+        remedies=(remedy,),
+    )
+
+
 def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits | None = None) -> Delay | None:
     """Return the delay of the torque of a motion; None where the rows are too few.
 
@@ -418,10 +481,9 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
 
     @cache
     def build_second_fit() -> HeldOutFit:
-        # In a sweep the angle tells the speed: friction that depends on the angle, or on the load there, looks like a
-        # delay. Where it explains nothing its columns only blur the delay.
+        # In a sweep the angle tells the speed, so that friction of the angle, or of the load there, looks like a delay.
         fits, few = (judges.offset_fit, judges.angle_friction_fit), thin_out(motion)
-        return min(fits, key=lambda fit: _get_mean(fit.measure_unexplained(few)))
+        return min(fits, key=lambda fit: average_share(fit.measure_unexplained(few)))
 
     delay = estimate_delay(
         motion,
@@ -436,7 +498,3 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     few = thin_out(motion)
     driven = find_driving_joints(few, surely=False) | find_joints_with_friction(judge.measure_frictions(few))
     return replace(delay, is_fault=bool(driven.sum() > 1))
-
-
-def _get_mean(unexplained: UnexplainedShares) -> float:
-    return float(unexplained.fine.mean())

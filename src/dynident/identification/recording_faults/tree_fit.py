@@ -22,8 +22,7 @@ from dynident.robot.robot_model import Robot
 BLOCKS = 10
 """Blocks of time that a motion is cut into."""
 
-_STILL = 1e-3
-"""Share of the fastest joint's speed below which a joint is at rest."""
+_STILL = 1e-3  # share of the fastest joint's speed below which a joint is at rest
 
 _SLOW = 0.05
 """Share of a joint's rms speed below which a row is left out: sticking joints have a friction of any size."""
@@ -41,11 +40,8 @@ _RIDGE = 1e-6
 
 _SIGNALS = ("q", "dq", "ddq", "tau", "block")
 
-_MOST_KNOWN = 4
-"""Solutions that a tree keeps: those of the recording and of what was tried last."""
-
-_QUIET = 1e-12
-"""Share of the largest squared torque that the noise of every joint has at least."""
+_MOST_KNOWN = 4  # solutions that a tree keeps: those of the recording and of what was tried last
+_QUIET = 1e-12  # share of the largest squared torque that the noise of every joint has at least
 
 
 @dataclass(frozen=True)
@@ -272,6 +268,10 @@ class TreeFit:
         _, squares = self._solve_weighted(grams, self._fit_all)
         return squares[:-1], grams.measured[-1]
 
+    def list_rows(self, motion: Motion) -> Sequence[tuple[IntArray, FloatArray]]:
+        """Return for each joint the numbers of the rows (m,) where it moves, and these rows (m, p) of its columns."""
+        return self._get_rows(motion, self._select(motion)).of_joints
+
     def _select(self, motion: Motion) -> Motion:
         if len(self.joints) == motion.q.shape[1]:
             return motion
@@ -292,7 +292,7 @@ class TreeFit:
     def find_torque_steps(self, motion: Motion) -> list[TorqueStep]:
         """Return the step of each joint's torque at one instant that explains most of what its own columns leave."""
         own, steps = self._select(motion), []
-        for joint, (at, rows) in enumerate(self._get_rows(motion, own).of_joints):
+        for joint, (at, rows) in enumerate(self.list_rows(motion)):
             tau = own.tau[at, joint]
             m = len(tau)
             # A joint that stands all the time has no rows.

@@ -57,6 +57,7 @@ planted 0.5 and more. What comes of it is among the short motions of `benchmarks
 _AGAINST = 0.5
 """What friction that drives its joint counts, in the same logarithm: there is no such friction."""
 
+_DEPENDENT = 1e-8  # share of the largest singular value, below which columns depend on others
 _LEAST, _MOST = 0.02, 3.0
 """Range of the unexplained share: a smaller one is as good as perfect, a larger one as bad as any."""
 
@@ -240,6 +241,37 @@ class HeldOutFit:
             Filtered rows of the recording.
         """
         return [step for tree in self._trees for step in tree.find_torque_steps(motion) if step.is_clear]
+
+    def measure_shifted(self, motion: Motion, shifts: IntArray) -> FloatArray:
+        """Return the unexplained share of an average joint's torque with the torque read at later rows.
+
+        Each joint is fitted by itself to the rows that every shift has.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording, evenly spaced.
+        shifts : (shifts,)
+            By how many rows.
+
+        Returns
+        -------
+        (shifts,)
+        """
+        margin, m = int(np.abs(shifts).max()), len(motion.q)
+        logs = []
+        for tree in self._trees:
+            for joint, (at, rows) in zip(tree.joints, tree.list_rows(motion), strict=True):
+                inner = (at >= margin) & (at < m - margin)
+                if inner.sum() <= 2 * rows.shape[1] or not np.ptp(motion.tau[:, joint]):
+                    continue
+                basis, sizes, _ = np.linalg.svd(rows[inner], full_matrices=False)
+                basis = basis[:, sizes > _DEPENDENT * sizes[0]]
+                tau = motion.tau[at[inner, None] + shifts, joint]
+                measured = np.einsum("ij,ij->j", tau, tau)
+                explained = np.einsum("ij,ij->j", along := basis.T @ tau, along)
+                logs.append(compute_log_shares(measured - explained, measured))
+        return np.exp(np.mean(logs, axis=0)) if logs else np.ones(len(shifts))
 
     def measure_frictions(self, motion: Motion) -> FloatArray:
         """Return the mean friction torque of each joint (blocks, n), from the other blocks; NaN where it stands.

@@ -31,7 +31,6 @@ from dynident.recordings.file_size_limits import (
     make_damaged_error,
 )
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.formats.mcap_files import read_mcap_messages
 from dynident.recordings.formats.packed_messages import (
     ARRAYS,
     DYNAMIC_STATES,
@@ -44,7 +43,7 @@ from dynident.recordings.formats.packed_messages import (
     learn_layout,
     normalise_type,
 )
-from dynident.recordings.formats.ros_bags import read_ros1_messages, read_ros2_messages
+from dynident.recordings.formats.ros_bags import read_mcap_messages, read_ros1_messages, read_ros2_messages
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.sample_series_join import JoinedSamples, SampleSeries, TimeJoin
 

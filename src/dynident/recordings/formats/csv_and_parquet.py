@@ -212,6 +212,7 @@ class CsvFileSource(FileSource):
         """What was done to read the file, where that is not plain; complete after its rows were read."""
         repeated = ("The names of the columns stand again between the rows: these lines are left out.",)
         return (
+            *self.own_remarks,
             *self._dialect.remarks,
             *(repeated if "names" in self._changes else ()),
             *(
@@ -359,8 +360,7 @@ class _OddRows:
         return (f"{which} left out: {self._text!r}.",)
 
 
-_SHOWN = 60
-"""Characters of a row that are shown."""
+_SHOWN = 60  # characters of a row
 
 
 def _find_word_column(message: str, dialect: Dialect) -> str | None:

@@ -11,11 +11,12 @@ from typing import get_args
 import numpy as np
 import pyarrow as pa
 
+from dynident.array_types import FloatArray
 from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.cells_without_numbers import read_word_cells
 from dynident.recordings.conditioning.missing_and_held import read_marked_gaps
 from dynident.recordings.file_names_and_digests import split_path
-from dynident.recordings.file_source import FileSource
+from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats import json_records
 from dynident.recordings.formats.csv_and_parquet import (
     CsvFileSource,
@@ -26,6 +27,7 @@ from dynident.recordings.formats.csv_and_parquet import (
 from dynident.recordings.formats.kuka_files import START, open_data_set, open_telegrams
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.printed_records import find_printed_kind, rewrite_as_json
+from dynident.recordings.formats.rearranged_tables import rearrange_table
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows
@@ -48,10 +50,6 @@ _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"DIAEXTENDED", "diadem"),
 )
 
-_INFLUX = (
-    'InfluxDB\'s annotated CSV, with one value in each row: give each moment one row, by pivot(rowKey: ["_time"], '
-    'columnKey: ["_field"], valueColumn: "_value") in the query.'
-)
 _PICKLE = "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet"
 _OF_BUS = (
     "a log of raw frames of a bus: decode it to signals with their units first, by the drives' description (DBC, ESI)"
@@ -67,8 +65,6 @@ _NOT_READ = (
         b"version https://git-lfs",
         "a pointer of Git LFS, and not the file that it stands for: fetch that with `git lfs pull`.",
     ),
-    (b"#group,", _INFLUX),
-    (b"#datatype,", _INFLUX),
     (b"# Created by Octave", "Octave's text: write it again with save('-v7', 'run.mat', 't', 'q', 'tau'), or as CSV."),
     (b"<!DOCTYPE html", "a page of the web, and not the file that it shows: download that itself (raw)."),
     (b"<html", "a page of the web, and not the file that it shows: download that itself (raw)."),
@@ -220,7 +216,7 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
         )
     file = _open_source(path, file_format)
     # Times since the row before come after all repairs, and the stated rate last, which replaces any time.
-    source = sum_increments(_repair(file))
+    source = unwrap_counter(sum_increments(_repair(file)))
     if rate is None and not any(is_time_name(name) for name in source.names):
         rate = file.stated_rate
         if rate is not None:
@@ -250,6 +246,94 @@ class StatedRateSource(FileSource):
             values = [from_numbers(t) if name == _TIME else batch.column(name) for name in columns]
             yield pa.RecordBatch.from_arrays(values, names=columns)
             first += batch.num_rows
+
+
+_COUNTER = re.compile(
+    r"(?:^|[^a-z])(?:ticks?|timer|counter|cnt|clock|time|timestamp|stamp|t)"
+    r"(?:[ _.]*[\[(]?(?P<number>\d+)? ?(?P<unit>s|ms|us|µs|ns)[\])]?)?$",
+    re.IGNORECASE,
+)
+"""A counter of a timer, with what one count is: tick_100us."""
+_MODULI = (2.0**16, 2.0**24, 2.0**32)
+"""Where counters of a timer begin again."""
+_STEPS = 20.0
+"""Usual steps that a counter goes on by at most where it begins again."""
+
+
+class CounterTimeSource(FileSource):
+    """A file stamped by the counter of a timer, which begins again: `t` goes on, in s where its unit is known.
+
+    Parameters
+    ----------
+    source : FileSource
+        The file.
+    counter : str
+        Its column.
+    factor : float
+        s of a count, or 1.
+    unit : str
+        Of the time then.
+    """
+
+    def __init__(self, source: FileSource, counter: str, factor: float, unit: str) -> None:
+        self._source, self._counter, self._factor = source, counter, factor
+        names = [name for name in source.names if name not in (_TIME, counter)]
+        units = {name: own for name, own in source.units.items() if name != counter}
+        super().__init__([_TIME, *names], {**units, **({_TIME: unit} if unit else {})})
+        self.sample_rows, self.texts = source.sample_rows, source.texts
+        self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
+        self.own_remarks = (f"{counter} counts, from 0 again where it is full: t is its time, which goes on.",)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed = [self._counter if name == _TIME else name for name in columns]
+        added, last, first_row = 0.0, np.nan, 0
+        for batch in self._source.batches(list(dict.fromkeys(needed))):
+            values = {name: batch.column(name) for name in needed}
+            if _TIME in columns and batch.num_rows:
+                counts = to_float_column(batch, self._counter, first_row)
+                gains = find_overflows(np.concatenate([[last], counts]))
+                values[_TIME] = from_numbers(self._factor * (counts + added + np.cumsum(gains)))
+                added, last = added + float(gains.sum()), float(counts[-1])
+            yield pa.RecordBatch.from_arrays([values[name] for name in columns], names=columns)
+            first_row += batch.num_rows
+
+
+def find_overflows(counts: FloatArray) -> FloatArray:
+    """Return what a counter has lost from each row to the next (m - 1,): the number at which it begins again, or 0.
+
+    Parameters
+    ----------
+    counts : (m,)
+        Whole numbers of consecutive rows.
+    """
+    steps = np.diff(counts)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    lost = np.zeros(len(steps))
+    for modulus in reversed(_MODULI):
+        goes_on = steps + modulus
+        lost[(counts[:-1] < modulus) & (steps < 0.0) & (goes_on > 0.0) & (goes_on <= _STEPS * usual)] = modulus
+    return lost
+
+
+def unwrap_counter(source: FileSource) -> FileSource:
+    """Return the file with a time that goes on, if a counter stamps it that begins again; else the same object."""
+    counters = {name: match for name in source.names if (match := _COUNTER.search(name)) and name not in source.texts}
+    if len(counters) != 1:
+        return source
+    ((name, match),) = counters.items()
+    first = next(iter(source.batches([name])), None)
+    counts = np.empty(0) if first is None else to_float_column(first, name, 0)
+    counts = counts[np.isfinite(counts)]
+    is_whole = len(counts) > 1 and bool((counts == np.rint(counts)).all() and counts.min() >= 0.0)
+    if not is_whole or not (match["number"] or find_overflows(counts).any()):
+        return source
+    unit = (match["unit"] or source.units.get(name) or "").casefold()
+    scale = _COUNTS.get(unit)
+    factor = 1.0 if scale is None else scale * float(match["number"] or 1)
+    return CounterTimeSource(source, name, factor, "" if scale is None else "s")
+
+
+_COUNTS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 
 
 def add_stated_time(source: FileSource, rate: float | None) -> FileSource:
@@ -316,7 +400,10 @@ def open_text(content: TextContent) -> FileSource:
     kind = find_printed_kind(content)
     if kind is not None:
         return read_marked_gaps(json_records.open_json(rewrite_as_json(content, kind)))
-    return read_marked_gaps(CsvFileSource(content))
+    table, remarks = rearrange_table(content)
+    source = CsvFileSource(table)
+    source.own_remarks = remarks
+    return read_marked_gaps(source)
 
 
 def _open_foreign(path: Path, name: str) -> FileSource:

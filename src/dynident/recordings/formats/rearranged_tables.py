@@ -1,0 +1,312 @@
+"""Rearrange text whose rows are not moments: a row for each value, a row for each signal, titled blocks of rows.
+
+All of it is rewritten as a table, while it is read. Tables with a row for each value are joined on time afterwards, by
+`cells_without_numbers` and `csv_and_parquet`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import IO
+
+from dynident.recordings.file_size_limits import MOST_COLUMNS, MOST_UNPACKED, TITLE
+from dynident.recordings.formats.text_streams import ProducedStream, TextContent, decode_text
+from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.time_columns import are_times, is_time_name
+
+Rearrange = Callable[[Iterator[str]], Iterator[str]]
+
+_LOOKED_AT = 1 << 16
+_FEWEST_ROWS = 8
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
+_LIST = re.compile(r"\s*[\[({](.*)[\])}]\s*")
+_BETWEEN = re.compile(r"[\s,;]+")
+_ANNOTATION = re.compile(r"#(?:group|datatype|default)\b", re.IGNORECASE)
+_HEAD = "time,signal,value"
+
+
+def rearrange_table(content: TextContent) -> tuple[TextContent, tuple[str, ...]]:
+    """Return the text with a row for each moment or value, if its rows are something else; else the same object.
+
+    Annotated tables of InfluxDB, lists of keys with values, lines of signals, and blocks with titles are rewritten.
+
+    Parameters
+    ----------
+    content : TextContent
+        The file.
+
+    Returns
+    -------
+    content : TextContent
+        The text; reading it raises `RecordingError` where more than fits into memory has to be sorted.
+    remarks : tuple of str
+        What was done.
+
+    Raises
+    ------
+    RecordingError
+        For bytes that are no text.
+    """
+    start = content.read_start(_LOOKED_AT)
+    text, encoding = decode_text(start)
+    rearrange, remark = _find_rearrangement(text.splitlines(), content, len(start) == _LOOKED_AT)
+    if rearrange is None:
+        return content, ()
+    encoding = "utf-8-sig" if encoding == "utf-8" else encoding
+    rewritten = content.replace_text(lambda: io.BufferedReader(_RearrangedLines(content, rearrange, encoding), 1 << 20))
+    return rewritten, (remark,)
+
+
+def _find_rearrangement(lines: list[str], content: TextContent, is_cut: bool) -> tuple[Rearrange | None, str]:
+    if len(lines) > 1 and _ANNOTATION.match(lines[0].strip('" ')):
+        return _read_annotated, "The file is an answer of InfluxDB: the lines that describe its tables are left out."
+    if (delimiter := _find_signal_rows(lines, is_cut)) is not None:
+        return partial(_transpose, delimiter=delimiter), "The file has a row for each signal: the table is transposed."
+    whole = lines[:-1] if is_cut else lines
+    if (delimiter := _find_value_rows(whole)) is not None:
+        remark = "Each row is a value: those that are no numbers are left out."
+        return partial(_read_value_rows, delimiter=delimiter), remark
+    if (head := _find_titled_head(whole)) is not None and _has_further_blocks(content, head):
+        remark = "Blocks with titles stand one below another: each has signals of its own."
+        return partial(_read_blocks, head=head), remark
+    return None, ""
+
+
+class _RearrangedLines(ProducedStream):
+    """The text of a rearranged table, line by line."""
+
+    def __init__(self, content: TextContent, rearrange: Rearrange, encoding: str) -> None:
+        super().__init__()
+        self._file: IO[bytes] = content.open()
+        lines = io.TextIOWrapper(self._file, encoding=encoding, errors="replace")
+        self._lines = rearrange(line.rstrip("\r\n") for line in lines)
+        self._waiting = bytearray()
+
+    def read_part(self, size: int) -> bytes:
+        """Return the next bytes of the rearranged text."""
+        while len(self._waiting) < size and (line := next(self._lines, None)) is not None:
+            self._waiting += line.encode() + b"\n"
+        part = bytes(self._waiting[:size])
+        del self._waiting[:size]
+        return part
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()
+
+
+def _read_cells(line: str, delimiter: str) -> list[str]:
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(delimiter)]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [""])]
+
+
+def _is_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell) is not None
+
+
+def _write_name(name: str) -> str:
+    """Return the name of a signal as a plain cell."""
+    return " ".join(re.sub('[,"]', " ", name).split())
+
+
+_OF_QUERIES = frozenset({"", "result", "table", "_start", "_stop", "_time", "_value", "_field"})
+"""Columns of an answer of InfluxDB that name no signal; the others are its measurement and its tags."""
+
+
+def _read_annotated(lines: Iterator[str]) -> Iterator[str]:
+    """Yield time, name and value of the numbers in InfluxDB's annotated tables, or the table that a pivot has made."""
+    names: list[str] = []
+    labels: list[int] = []
+    has_head = False
+    for line in lines:
+        cells = _read_cells(line, ",")
+        if cells[0].startswith("#") or not any(cells):
+            names = []  # A table of other columns may follow.
+        elif not names:
+            names = cells
+            labels = [place for place, name in enumerate(names) if name not in _OF_QUERIES]
+            is_long = {"_time", "_value", "_field"} <= set(names)
+            if not has_head:
+                yield _HEAD.replace("time", "_time") if is_long else line
+            has_head = True
+        elif "_value" not in names:
+            yield line
+        elif len(cells) == len(names) and _is_number(value := cells[names.index("_value")]):
+            tags = [cells[place] for place in labels if cells[place]]
+            name = ".".join((*tags, cells[names.index("_field")]))
+            yield f"{cells[names.index('_time')]},{_write_name(name)},{value}"
+
+
+def _find_value_rows(lines: Sequence[str]) -> str | None:
+    """Return what separates time, key and value, where some values are lists, or a type stands behind them; or None."""
+    rows_of_text = [line for line in lines if line.strip()][:400]
+    for delimiter in "|;\t,":
+        rows = [_read_cells(line, delimiter) for line in rows_of_text]
+        if len(rows) < _FEWEST_ROWS or any(len(row) != len(rows[-1]) for row in rows) or len(rows[-1]) not in (3, 4):
+            continue
+        has_head = not (_is_number(rows[0][0]) or are_times([rows[0][0]]))
+        body = rows[has_head:]
+        are_keys = not any(_is_number(row[1]) or not row[1] for row in body) and len({row[1] for row in body}) > 1
+        if not are_keys or not (all(_is_number(row[0]) for row in body) or are_times([row[0] for row in body])):
+            continue
+        has_lists = sum(_LIST.fullmatch(row[2]) is not None for row in body) > 1
+        if len(rows[-1]) == 3 and has_lists and not any(row[2].startswith("{") for row in body):
+            return delimiter
+        # A type or a quality behind each value is a word.
+        has_types = len(rows[-1]) == 4 and not any(_is_number(row[3]) for row in body) and not has_head
+        if has_types and any(_is_number(row[2].replace(",", ".")) for row in body):
+            return delimiter
+    return None
+
+
+def _read_value_rows(lines: Iterator[str], delimiter: str) -> Iterator[str]:
+    """Yield time, name and value of each number, those of lists with their places in the names."""
+    head: str | None = None
+    for line in lines:
+        cells = _read_cells(line, delimiter)
+        if len(cells) < 3:
+            continue
+        if head is None:
+            is_row = _is_number(cells[0]) or are_times([cells[0]])
+            head = "time" if is_row else _write_name(cells[0])
+            yield _HEAD.replace("time", head)
+            if not is_row:
+                continue
+        name, listed = _write_name(cells[1]), _LIST.fullmatch(cells[2])
+        if listed is None:
+            value = cells[2] if delimiter == "," else cells[2].replace(",", ".")
+            if _is_number(value):
+                yield f"{cells[0]},{name},{value}"
+            continue
+        for place, item in enumerate(_BETWEEN.split(listed[1].strip()), start=1):
+            if _is_number(item):
+                yield f"{cells[0]},{name}_{place},{item}"
+
+
+_WIDEST = 64
+"""Signals of a table that lies on its side: it has a line for each, and many more numbers in every line."""
+
+
+def _find_signal_rows(lines: list[str], is_cut: bool) -> str | None:
+    """Return what separates the numbers of lines that each begin with a signal's name, the first one the time; or None.
+
+    The first bytes of such a file may hold few lines, and the last one in part.
+    """
+    if not lines or (is_cut and len(lines) > _WIDEST):
+        return None
+    for delimiter in ",;\t|":
+        first = _read_cells(lines[0], delimiter)
+        numbers = first[1 : -1 if is_cut and len(lines) == 1 else None]
+        if len(numbers) <= max(2 * _FEWEST_ROWS, 2 * len(lines)) or not all(map(_is_number, numbers)):
+            continue
+        is_rising = all(float(after) > float(before) for before, after in pairwise(numbers))
+        others = [_read_cells(line, delimiter) for line in lines[1:] if line.strip()]
+        are_named = all(not _is_number(row[0]) and all(map(_is_number, row[1:-1])) for row in others)
+        if is_rising and is_time_name(first[0]) and are_named:
+            return delimiter
+    return None
+
+
+def _check_size(size: int, n_rows: int = 0) -> None:
+    """Refuse more characters than are held in memory at once, or more signals than columns."""
+    if size > MOST_UNPACKED // 4 or n_rows > MOST_COLUMNS:
+        raise RecordingError(
+            "The file has a row for each signal, or blocks of rows one below another, and is too large to be sorted: "
+            "write a row for each moment, with a column for each signal.",
+            title=TITLE,
+        )
+
+
+def _transpose(lines: Iterator[str], delimiter: str) -> Iterator[str]:
+    rows, size = list[list[str]](), 0
+    for line in lines:
+        if line.strip():
+            rows.append(_read_cells(line, delimiter))
+        size += len(line)
+        _check_size(size, len(rows))
+    width = max(map(len, rows))
+    names = (_write_name(row[0]) for row in rows)
+    yield ",".join(names)
+    for place in range(1, width):
+        yield ",".join(row[place] if place < len(row) else "" for row in rows)
+
+
+_UNIT = re.compile(r"\W*units?\W*[:=]\s*(\S.*?)\W*$", re.IGNORECASE)
+_OF_KEY = re.compile(r"\s*[\w ]+[:=]")
+
+
+def _find_titled_head(lines: Sequence[str]) -> str | None:
+    """Return the line of names above the first row of numbers, if lines without such cells stand above it; or None."""
+    for number, line in enumerate(lines[:64]):
+        delimiter = next((sign for sign in "\t;,|" if sign in line), None)
+        if delimiter is None or number + 2 >= len(lines):
+            continue
+        names, below = _read_cells(line, delimiter), _read_cells(lines[number + 1], delimiter)
+        is_head = len(names) > 2 and len(below) == len(names) and all(map(_is_number, below))
+        if is_head and is_time_name(re.sub(r"\s*[\[(].*", "", names[0])) and not any(map(_is_number, names)):
+            above = [text for text in lines[:number] if text.strip()]
+            are_titles = all(delimiter not in text for text in above) and any(not _OF_KEY.match(text) for text in above)
+            return line if above and are_titles else None
+    return None
+
+
+def _has_further_blocks(content: TextContent, head: str) -> bool:
+    """Return whether the names stand again in the file, below another title than the first ones'."""
+    titles: set[str] = set()
+    with content.open() as file:
+        above: list[str] = []
+        for line in io.TextIOWrapper(file, encoding="utf-8", errors="replace"):
+            if line[:1].isdigit():
+                above = []
+            elif line.rstrip("\r\n") == head:
+                titles.add(_read_title(above)[0])
+                above = []
+            elif line.strip():
+                above.append(line)
+            if len(titles) > 1:
+                return True
+    return False
+
+
+def _read_title(above: Sequence[str]) -> tuple[str, str]:
+    """Return the title and the unit of a block, from the lines above its names."""
+    units = [match[1] for line in above if (match := _UNIT.match(line)) is not None]
+    titles = [line for line in above if not _OF_KEY.match(line)]
+    return (re.sub(r"[^\w()%/. -]+", " ", titles[-1]).strip() if titles else ""), (units[-1] if units else "")
+
+
+def _read_blocks(lines: Iterator[str], head: str) -> Iterator[str]:
+    """Yield time, name and value of blocks of rows, one signal below another, with their titles in the names."""
+    delimiter = next(sign for sign in "\t;,|" if sign in head)
+    time, *names = _read_cells(head, delimiter)
+    yield _HEAD.replace("time", _write_name(time))
+    above: list[str] = []
+    rows: list[list[str]] = []
+    title, unit, size = "", "", 0
+
+    def write_block() -> Iterator[str]:
+        for place, name in enumerate(names, start=1):
+            label = _write_name(f"{title} {name}") + (f" [{_write_name(unit)}]" if unit else "")
+            for row in rows:
+                yield f"{row[0]},{label},{row[place]}"
+
+    for line in lines:
+        if line == head:
+            yield from write_block()
+            (title, unit), rows, above, size = _read_title(above), [], [], 0
+            continue
+        cells = _read_cells(line, delimiter)
+        if len(cells) == len(names) + 1 and all(map(_is_number, cells)):
+            rows.append(cells)
+            size += len(line)
+            _check_size(size)
+        elif line.strip():
+            above.append(line)
+    yield from write_block()
