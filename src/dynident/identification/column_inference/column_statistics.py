@@ -481,7 +481,8 @@ def ask_about_further_axes(
         for size, column in zip(ranges, named, strict=True)
         if size > _MOVES * most and column.name not in columns.values() and not column.commanded and is_axis(column)
     ]
-    if not moving:
+    # As many as joints are another signal of these.
+    if not 0 < len(moving) < len(used):
         return []
     detail = (
         f"{', '.join(moving)} {'move' if len(moving) > 1 else 'moves'}, and no joint of the robot is called so. An "

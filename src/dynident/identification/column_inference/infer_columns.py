@@ -459,7 +459,7 @@ class _ColumnInference(WorkingProposal):
         guesses, questions = dynamics_fits.check_against_dynamics(
             self.described_robot, self.fits, q, tau, names, in_si=in_si, silent=self.silent
         )
-        if questions and in_si and self.clock is not None:
+        if in_si and self.clock is not None:
             ask_about_time(self, self.fits, self.clock, q, tau)
         # Only if much is unexplained: otherwise the guess about the dynamics is among the others.
         first = [g for g in guesses[:1] if g.confidence < of_units.SURE and g.value.endswith("unexplained")]
