@@ -168,6 +168,19 @@ def test_rows_are_read_some_blocks_at_a_time_and_joints_that_a_candidate_leaves_
         np.testing.assert_array_equal(mine.after[:, 1 - joint], mine.before[:, 1 - joint])
 
 
+def test_sums_over_all_blocks_keep_no_products_of_columns_that_nobody_asks_for():
+    """A joint of a robot on its feet has over a thousand columns: all their products are more numbers than its rows."""
+    random = np.random.default_rng(4)
+    rows, row_block = random.normal(size=(30, 200)), np.repeat(np.arange(3), 10)
+    stack = RowStack(rows, row_block, 3)
+    first, second = np.array([7, 0, 199]), np.array([5, 199])
+    expected = (rows.T @ rows)[np.ix_(first, second)]
+    np.testing.assert_allclose(stack.sum_products(first, second), expected, atol=1e-12)
+    grams = np.array([rows[row_block == k].T @ rows[row_block == k] for k in range(3)])
+    np.testing.assert_allclose(ProductStack(grams).sum_products(first, second), expected, atol=1e-12)
+    assert sum(value.size for value in vars(stack).values() if isinstance(value, np.ndarray)) == rows.size
+
+
 def test_a_joint_that_stands_in_all_blocks_changes_no_score():
     random, row_block = np.random.default_rng(3), np.repeat(np.arange(STRETCHES), 20)
     moving = RowStack(random.normal(size=(len(row_block), 6)), row_block, STRETCHES)

@@ -103,6 +103,33 @@ def test_rows_of_zeros_are_left_out_where_factors_are_joined(monkeypatch):
     assert read == [12]
 
 
+def test_factors_have_no_more_rows_than_the_fullest_block():
+    """Of a robot with many joints a block has far fewer rows than columns, and nothing is kept for those that lack."""
+    rng = np.random.default_rng(3)
+    columns, rows = np.arange(60), rng.normal(size=(47, 61))
+    parts = []
+    for length in (10, 16):
+        accumulator = FactorAccumulator([columns], 60, length)
+        accumulator.push(np.arange(47.0), [rows])
+        parts.append(accumulator.finish())
+    both = concatenate_reductions(parts)
+    assert [part.equations[0].factors.shape for part in (*parts, both)] == [(5, 10, 61), (3, 16, 61), (8, 16, 61)]
+    chosen, weights = [3, 0, 59], rng.normal(size=(60, 4))
+    for changed, expected in (
+        (both, rows),
+        (both.merge_block_pairs(), rows),
+        (both.select_columns(chosen), rows[:, [*chosen, 60]]),
+        (both.combine_columns(weights), np.column_stack([rows[:, :60] @ weights, rows[:, 60]])),
+    ):
+        factor = changed.equations[0].whole_factor
+        np.testing.assert_allclose(factor.T @ factor, 2 * expected.T @ expected, atol=1e-10)
+    assert both.merge_block_pairs().equations[0].factors.shape[1] <= 32
+    empty = FactorAccumulator([columns], 60, 10)
+    empty.push(np.arange(47.0), [rows], np.zeros((47, 1), dtype=bool))
+    assert empty.finish().merge_block_pairs().equations[0].factors.shape == (3, 0, 61)
+    assert both.select_columns(chosen).equations[0].factors.shape == (8, 4, 4)
+
+
 def test_ordinary_least_squares_is_numpys():
     data = Rows()
     w, y = data.dense()

@@ -63,6 +63,16 @@ def assert_same(one, other) -> None:
         assert one.data.held_out.n_rows == other.data.held_out.n_rows
 
 
+def test_factors_of_blocks_with_fewer_rows_than_columns_are_stored_without_empty_rows():
+    choices = IdentificationChoices(EFFECTS, preprocessing=Preprocessing(4.0, 3.0, 16))
+    few = identify(ROBOT, [RUNS[0]], [RUNS[1]], choices)
+    factors = few.data.training.equations[1].factors
+    assert factors.shape[1] < factors.shape[2]
+    assert_same(from_bytes(to_bytes(few)), few)
+    stored = np.load(io.BytesIO(to_bytes(few)))["0/training_1_factors"]
+    assert stored.shape[1] < len(np.triu_indices(factors.shape[2])[0])
+
+
 def test_a_model_read_from_its_bytes_is_the_same_with_its_whole_ladder():
     again = from_bytes(CONTENT)
     rungs = list(zip(again.ladder(), THIRD.ladder(), strict=True))

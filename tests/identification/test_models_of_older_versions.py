@@ -67,8 +67,8 @@ def changed(content: bytes, **changes: object) -> bytes:
 
 
 def test_a_model_of_a_newer_format_says_to_update() -> None:
-    with pytest.raises(DynidentError, match="has the format 5, but this version reads formats 1 to 4; update dynident"):
-        from_bytes(changed(content_of(3), format="dynident identification 5"))
+    with pytest.raises(DynidentError, match="has the format 6, but this version reads formats 1 to 5; update dynident"):
+        from_bytes(changed(content_of(3), format="dynident identification 6"))
 
 
 def test_a_model_of_the_first_format_is_refused_where_its_values_mean_something_else() -> None:

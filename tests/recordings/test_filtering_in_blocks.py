@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from dynident.recordings import Preprocessing, Recording, RecordingError, filtered_blocks, recording_from_arrays
+from dynident.recordings.low_pass_decimation import stream_samples
 from dynident.recordings.recording import StoredRows
 
 
@@ -212,3 +213,19 @@ def test_a_block_is_split_without_losing_a_sample():
             np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name), strict=True
         )
     assert list(whole.split(1000)) == [whole]
+
+
+@pytest.mark.parametrize("width", [5, 2_000, 20_000])
+def test_of_many_columns_few_samples_are_evaluated_at_once(width):
+    """Robots on their feet have 20,000 columns and more: a block of all samples would take gigabytes."""
+    t, q, tau = random_walk(4000)
+    recording = recording_from_arrays(t, q, tau, joint_names=("a", "b"))
+    lengths = []
+
+    def values(block):
+        lengths.append(len(block.t))
+        return block.q
+
+    list(stream_samples(recording, Preprocessing(10.0, 10.0), values, width=width))
+    assert sum(lengths) == 4000
+    assert max(lengths) * width < 50e6 / 8

@@ -122,7 +122,7 @@ def test_every_resource_that_cannot_be_read_is_told_with_the_reason_and_what_to_
     older = (OLDER / "model_of_format_1.npz").read_bytes()
     unreadable = {
         made("identification", "model", older): "its request or its result: ValidationError",
-        made("identification", "model", newer.getvalue()): "has the format 99, but this version reads formats 1 to 4",
+        made("identification", "model", newer.getvalue()): "has the format 99, but this version reads formats 1 to 5",
         made("measurement", "recording", b"no Parquet"): "is not a Parquet file",
         made("comparison", "signals", b"no signals"): "ArrowInvalid",
         made("series", "days", b"no days"): "not a file of days",

@@ -100,7 +100,7 @@ def _mask_below_diagonal(shape: tuple[int, int]) -> BoolArray:
 
 
 def join_factors(factors: FloatArray) -> FloatArray:
-    """Return the factor (k, k) of the rows of all factors (s, k, k) together."""
+    """Return the factor (k, k) of the rows of all factors (s, m, k) together."""
     k = factors.shape[-1]
     if not len(factors):
         return np.zeros((k, k))
@@ -110,12 +110,14 @@ def join_factors(factors: FloatArray) -> FloatArray:
 
 
 def add_rows_to_factors(factors: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return the factors (s, p + 1, p + 1) of blocks with further rows (s, k, p + 1), which are zero in many blocks."""
+    """Return the factors (s, m, p + 1) of blocks with further rows (s, k, p + 1), which are zero in many blocks."""
     has = rows.any(axis=(1, 2))
     if not has.any():
         return factors
-    joined = factors.copy()
-    joined[has] = pad_to_square(compute_r_factor(np.concatenate([factors[has], rows[has]], axis=1)))
+    changed = compute_r_factor(np.concatenate([factors[has], rows[has]], axis=1))
+    joined = np.zeros((len(factors), max(factors.shape[1], changed.shape[1]), factors.shape[2]))
+    joined[~has, : factors.shape[1]] = factors[~has]
+    joined[has, : changed.shape[1]] = changed
     return joined
 
 
@@ -127,9 +129,17 @@ def pad_to_square(r: FloatArray) -> FloatArray:
     return np.concatenate([r, np.zeros((*r.shape[:-2], missing, r.shape[-1]))], axis=-2)
 
 
-def stack_blocks(blocks: Sequence[FloatArray], size: int) -> FloatArray:
-    """Return blocks of at most k rows of k columns as one array (s, k, k), with zeros where rows are missing."""
-    stacked = np.zeros((len(blocks), size, size))
+def stack_blocks(blocks: Sequence[FloatArray], width: int) -> FloatArray:
+    """Return blocks of rows of k columns as one array (s, m, k): the most rows of any, zeros where others have fewer.
+
+    A robot of many joints has far more columns than a block has rows: square factors would be nearly all zeros.
+    """
+    stacked = np.zeros((len(blocks), max(map(len, blocks), default=0), width))
     for place, rows in zip(stacked, blocks, strict=True):
         place[: len(rows)] = rows
     return stacked
+
+
+def concatenate_stacks(stacks: Sequence[FloatArray]) -> FloatArray:
+    """Return all blocks of stacks (s, m, k), which may differ in s and m, as one stack."""
+    return stack_blocks([rows for stack in stacks for rows in stack], stacks[0].shape[2])

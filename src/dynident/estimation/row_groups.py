@@ -18,7 +18,13 @@ from typing import Self
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.qr_decomposition import add_rows_to_factors, compute_r_factor, join_factors, pad_to_square
+from dynident.estimation.qr_decomposition import (
+    add_rows_to_factors,
+    compute_r_factor,
+    concatenate_stacks,
+    join_factors,
+    pad_to_square,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,26 +76,26 @@ class BlockRows:
 
     @classmethod
     def from_factors(cls, factors: FloatArray, counts: IndexArray) -> BlockRows:
-        """Build from factors (s, p + 1, p + 1), without the rows that are zero in all blocks.
+        """Build from factors (s, m, p + 1), without the rows that are zero in all blocks.
 
         Parameters
         ----------
-        factors : (s, p + 1, p + 1)
+        factors : (s, m, p + 1)
             Triangular factors of the rows of each block.
         counts : (s,)
             Number of rows that each factor stands for.
         """
-        # A block has few such rows, so that most rows of its padded square factor are zero.
+        # A factor may have more rows than any block fills.
         filled = factors.any(axis=2).any(axis=0)
         return BlockRows(factors[:, filled], counts)
 
     @classmethod
     def from_parts(cls, parts: Sequence[BlockRows]) -> BlockRows:
         """Concatenate the blocks of several recordings."""
-        most = max(part.rows.shape[1] for part in parts)
         # Recordings differ in their number of such rows; zero rows change no inner product.
-        rows = [np.pad(part.rows, [(0, 0), (0, most - part.rows.shape[1]), (0, 0)]) for part in parts]
-        return BlockRows(np.concatenate(rows), np.concatenate([part.counts for part in parts]))
+        return BlockRows(
+            concatenate_stacks([part.rows for part in parts]), np.concatenate([part.counts for part in parts])
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +108,7 @@ class WeightedRows(BlockRows):
         Rows of the group, without their weight.
     counts : (s,)
         Number of rows of the recording in the group.
-    others : (s, p + 1, p + 1)
+    others : (s, m, p + 1)
         Factors of [W | Y] of all rows but those of the group.
     weight : float
         Weight of a squared residual of the group relative to one of the other rows.
@@ -131,7 +137,7 @@ class WeightedRows(BlockRows):
 
     @property
     def weighted_factors(self) -> FloatArray:
-        """Factor (s, p + 1, p + 1) of all rows of every block, as they are weighted."""
+        """Factor (s, m, p + 1) of all rows of every block, as they are weighted."""
         # The weight is that of squares; rows take its root. Blocks in which the group has no row stay as they are.
         return add_rows_to_factors(self.others, np.sqrt(self.weight) * self.rows)
 
@@ -147,18 +153,10 @@ class WeightedRows(BlockRows):
     def join(cls, parts: Sequence[WeightedRows]) -> WeightedRows:
         """Concatenate the blocks of several recordings, every row with a weight of 1."""
         rows = BlockRows.from_parts(parts)
-        return cls(rows.rows, rows.counts, np.concatenate([part.others for part in parts]))
+        return cls(rows.rows, rows.counts, concatenate_stacks([part.others for part in parts]))
 
     def _replace_rows(self, others: FloatArray, rows: FloatArray) -> WeightedRows:
-        return replace(
-            self,
-            others=pad_to_square(compute_r_factor(others)) if len(others) else _make_empty_factors(rows),
-            rows=rows,
-        )
-
-
-def _make_empty_factors(rows: FloatArray) -> FloatArray:
-    return np.zeros((0, rows.shape[-1], rows.shape[-1]))
+        return replace(self, others=compute_r_factor(others), rows=rows)
 
 
 MOST_INTERVAL_ROWS = 1000

@@ -18,8 +18,8 @@ from dynident.estimation.qr_decomposition import (
     WhitenedColumns,
     add_rows_to_factors,
     compute_r_factor,
+    concatenate_stacks,
     join_factors,
-    pad_to_square,
     stack_blocks,
     whiten_columns,
 )
@@ -41,8 +41,9 @@ class EquationFactors(Deferring):
     ----------
     columns : (p,)
         Numbers of the parameters that the equation contains.
-    factors : (s, p + 1, p + 1)
-        Triangular factor of [W | Y] of every block of time, Y last; deferred where rows have a weight of their own.
+    factors : (s, m, p + 1)
+        Triangular factor of [W | Y] of every block of time, Y last, in the rows m <= p + 1 that the fullest block
+        needs; deferred where rows have a weight of their own.
     counts : (s,)
         Number of rows that each factor stands for.
     separate_rows : SeparateRows, optional
@@ -101,8 +102,7 @@ class EquationFactors(Deferring):
             return self.from_groups(numbers, self.weighted_rows.select(selected), self.counts, separate_rows)
         # Columns that are taken out of a triangular factor leave it no longer triangular: one more QR decomposition, of
         # a few rows, restores it. No data is read again.
-        factors = compute_r_factor(self.factors[:, :, selected]) if len(self.factors) else self.factors
-        return EquationFactors(numbers, pad_to_square(factors), self.counts, separate_rows)
+        return EquationFactors(numbers, compute_r_factor(self.factors[:, :, selected]), self.counts, separate_rows)
 
     def weight_group(self, weight: float) -> EquationFactors:
         """Return the same rows, with squared residuals of the weighted rows multiplied by `weight`."""
@@ -159,8 +159,8 @@ class EquationFactors(Deferring):
         if self.weighted_rows is not None:
             weighted_rows = self.weighted_rows.combine_columns(whole)
             return self.from_groups(chosen.astype(np.intp), weighted_rows, self.counts, separate_rows)
-        factors = compute_r_factor(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
-        return EquationFactors(chosen.astype(np.intp), pad_to_square(factors), self.counts, separate_rows)
+        factors = compute_r_factor(self.factors @ whole)
+        return EquationFactors(chosen.astype(np.intp), factors, self.counts, separate_rows)
 
     def mix_columns(self, change: FloatArray, columns: IndexArray) -> EquationFactors:
         """Return the rows of [W | Y] change, with Y and W mixed.
@@ -173,8 +173,8 @@ class EquationFactors(Deferring):
         columns : (p',)
             Numbers of the new columns.
         """
-        factors = compute_r_factor(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
-        return EquationFactors(np.asarray(columns, dtype=np.intp), pad_to_square(factors), self.counts)
+        factors = compute_r_factor(self.factors @ change)
+        return EquationFactors(np.asarray(columns, dtype=np.intp), factors, self.counts)
 
     def sum_group_squares(self, group: RowGroupName, values: FloatArray) -> FloatArray:
         """Return the sum of squared residuals of parameters χ (c,) in every block (s,), on one group of fitted rows.
@@ -286,9 +286,9 @@ class Reduction:
         """
         equations, odd = [], self.n_blocks % 2
         for equation in self.equations:
-            k = len(equation.columns) + 1
+            s, m, k = equation.factors.shape
             # A block without rows fills the last pair up.
-            factors = np.concatenate([equation.factors, np.zeros((odd, k, k))]).reshape(-1, 2 * k, k)
+            factors = np.concatenate([equation.factors, np.zeros((odd, m, k))]).reshape((s + odd) // 2, 2 * m, k)
             counts = np.append(equation.counts, [0] * odd).reshape(-1, 2).sum(axis=1)
             equations.append(EquationFactors(equation.columns, compute_r_factor(factors), counts))
         ends = np.append(self.spans[1::2, 1], self.spans[-1:, 1] if odd else [])
@@ -359,7 +359,7 @@ def _concatenate_equations(parts: Sequence[EquationFactors]) -> EquationFactors:
         parts = [part.with_fixed_weights for part in parts]
     return EquationFactors(
         parts[0].columns,
-        np.concatenate([part.factors for part in parts]),
+        concatenate_stacks([part.factors for part in parts]),
         np.concatenate([part.counts for part in parts]),
         join_separate_rows([part.separate_rows for part in parts]),
         WeightedRows.join(weighted_rows) if len(weighted_rows) == len(parts) else None,

@@ -20,8 +20,8 @@ ATTENUATION = 50.0
 """Attenuation of the stop band in dB: what folds back under the cut-off by decimation is below 0.3 % of itself."""
 
 
-_NUMBERS_AT_ONCE, _LEAST_AT_ONCE = 1 << 24, 256
-"""Numbers that are evaluated at once, 128 MB, and the fewest samples: robots on their feet have 40,000 columns."""
+_NUMBERS_AT_ONCE, _LEAST_AT_ONCE = 1 << 22, 256
+"""Numbers that are evaluated at once, 32 MB, and the fewest samples: robots on their feet have 40,000 columns."""
 
 
 class FilteredRows(NamedTuple):

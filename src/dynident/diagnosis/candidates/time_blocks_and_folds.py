@@ -34,9 +34,8 @@ T = TypeVar("T")
 class Stack(Protocol):
     """Rows of one kind of a joint's equation, by block, as far as their inner products show them."""
 
-    @property
-    def total(self) -> FloatArray:
-        """Products (p + 1, p + 1) over all blocks."""
+    def sum_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (k, l) over all blocks, at some places."""
 
     @property
     def torque_squared(self) -> float:
@@ -133,11 +132,11 @@ class RowStack:
     def __init__(self, values: FloatArray, row_block: IndexArray, n_blocks: int) -> None:
         self.columns, self._runs = np.ascontiguousarray(values.T), RowRuns(row_block, n_blocks)
 
-    @cached_property
-    def total(self) -> FloatArray:
-        """Products (p + 1, p + 1) over all blocks."""
-        columns = self.columns.astype(np.float64, copy=False)
-        return np.asarray(columns @ columns.T)
+    def sum_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (k, l) over all blocks, at some places."""
+        # Those of all columns would be more numbers than the rows where a robot has many joints.
+        first, second = (self.columns[places].astype(np.float64, copy=False) for places in (rows, columns))
+        return np.asarray(first @ second.T)
 
     @property
     def torque_squared(self) -> float:
@@ -197,6 +196,10 @@ class ProductStack:
         """Products (p + 1, p + 1) over all blocks."""
         return np.asarray(self.values.sum(axis=0))
 
+    def sum_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (k, l) over all blocks, at some places."""
+        return self.total[np.ix_(rows, columns)]
+
     @property
     def torque_squared(self) -> float:
         """Sum of the squared torque."""
@@ -254,9 +257,8 @@ class Products:
 
     def sum_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (k, l) of a joint over all blocks, at some of its places."""
-        where = np.ix_(rows, columns)
-        first, *others = self.stacks[joint]
-        return sum((stack.total[where] for stack in others), first.total[where])
+        first, *others = (stack.sum_products(rows, columns) for stack in self.stacks[joint])
+        return sum(others, first)
 
     def find_cached(self, key: Hashable, build: Callable[[], T]) -> T:
         """Return what was built from these products under this key, or build it."""

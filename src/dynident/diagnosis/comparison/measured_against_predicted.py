@@ -314,7 +314,7 @@ def predict_again(
     (recording,) = inputs.recordings
     phases = RowPhases.from_recording(observation, recording, inputs.preprocessing)
     entries = SampleFunction(observation, inputs.reference, recording, phases)
-    pieces = filter_in_parallel(recording, inputs.preprocessing, entries)
+    pieces = filter_in_parallel(recording, inputs.preprocessing, entries, width=len(observation.entry_rows))
     predicted = np.concatenate([observation.compute_torque(rows, values) for _, _, rows in pieces])
     return replace(comparison, predicted=predicted, remembering=phases.remembering, free=phases.free)
 
@@ -349,7 +349,7 @@ def _yield_parts(
 
     end = recording.segments[-1].start_time + recording.segments[-1].length * recording.period
     start = recording.segments[0].start_time
-    for segment, t, rows in filter_in_parallel(recording, identification.preprocessing, values):
+    for segment, t, rows in filter_in_parallel(recording, identification.preprocessing, values, width=first + 4 * n):
         w = rows[:, :n_entries]
         predicted = observation.compute_torque(w, identification.values)
         load = observation.compute_torque(w, load_values)

@@ -32,6 +32,7 @@ from dynident.estimation import (
     statistics,
 )
 from dynident.estimation.prior_information import PriorInformation
+from dynident.estimation.qr_decomposition import concatenate_stacks
 from dynident.progress import Progress
 
 
@@ -149,7 +150,7 @@ def gather_step_products(days: Sequence[Day], columns: Sequence[StepColumn]) -> 
     since = np.array([column.since for column in columns], dtype=np.intp)
     stacks, position, counts = [], [], []
     for j, equation in enumerate(days[0].reduction.equations):
-        factors = np.concatenate([recorded_day.reduction.equations[j].factors for recorded_day in days])
+        factors = concatenate_stacks([recorded_day.reduction.equations[j].factors for recorded_day in days])
         where = np.full(days[0].reduction.n_columns, -1, dtype=np.intp)
         where[equation.columns] = np.arange(len(equation.columns))
         have = np.flatnonzero(where[number] >= 0)

@@ -18,7 +18,7 @@ from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError
 from dynident.estimation.least_squares import build_weighted_factor, compute_noise_levels
-from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
+from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 from dynident.identification.estimation_problem_options import RowOptions
 from dynident.progress import Progress, ignore_progress
@@ -75,10 +75,7 @@ def marginalise_parameters(reduction: Reduction, n_nuisance: int, *, weighted: b
     equations = []
     for equation in reduction.equations:
         selected = change[np.append(equation.columns, c)]
-        factors = np.zeros((len(equation.factors), *selected.shape[1:] * 2))
-        if len(factors):
-            factors = pad_to_square(compute_r_factor(equation.factors @ selected))
-        equations.append(EquationFactors(columns, factors, equation.counts))
+        equations.append(EquationFactors(columns, compute_r_factor(equation.factors @ selected), equation.counts))
     return Reduction(c - n_nuisance, tuple(equations), reduction.spans)
 
 

@@ -258,7 +258,7 @@ def _reduce_with_simulated(model: Model, data: Data, motions: list[SimulatedMoti
         def values(block: SampleBlock) -> FloatArray:
             return np.hstack([simulated(motion.replace_motion(block)), measured(block), block.tau])
 
-        for segment, t, rows in filter_in_parallel(recording, data.preprocessing, values):
+        for segment, t, rows in filter_in_parallel(recording, data.preprocessing, values, width=2 * n_entries):
             z, w, tau = rows[:, :n_entries], rows[:, n_entries : 2 * n_entries], rows[:, 2 * n_entries :]
             equations = [
                 np.hstack([z[:, positions], w[:, positions], tau[:, joint : joint + 1]])

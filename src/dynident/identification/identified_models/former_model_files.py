@@ -1,4 +1,4 @@
-"""Read model files of every earlier format (1 to 4).
+"""Read model files of every earlier format (1 to 5).
 
 Format 1
     One model; the one below it on the ladder is a file inside it. Triangular factors are whole matrices. The base
@@ -9,6 +9,8 @@ Format 3
     As 2; an equation may have rows at rest, beside halts and at reversals apart.
 Format 4
     As 3; rows beside halts are kept by blocks of time, and so are the reversals of held-out data.
+Format 5
+    As 4; factors have no more rows than the fullest block needs.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from dynident.errors import DynidentError
 from dynident.regressors.model_structure import Model
 
 NAME = "dynident identification"
-PRESENT = 4
+PRESENT = 5
 Arrays = dict[str, NDArray[np.generic]]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.array_types import FloatArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import EffectChoice, ReferenceParameters, Signals
 from dynident.effects.predicted_torque_expressions import CarriedInertia
 from dynident.errors import DynidentError
@@ -380,10 +380,9 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
         arrays[f"{name}_{j}_columns"] = equation.columns
         # Only the rows apart from the reversals are stored; with the rows at reversals they give the whole factor
         # again.
-        size = len(equation.columns) + 1
         weighted = equation.weighted_rows
         factors = equation.factors if weighted is None else weighted.others
-        arrays[f"{name}_{j}_factors"] = factors[:, *np.triu_indices(size)]
+        arrays[f"{name}_{j}_factors"] = factors[:, *_locate_upper(*factors.shape[1:])]
         arrays[f"{name}_{j}_counts"] = equation.counts
         # The files name groups by what makes them: rows "turned" are those at reversals, those "beside" are at rest.
         if weighted is not None:
@@ -443,7 +442,15 @@ def _read_equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
 
 
 def _unpack_triangles(packed: FloatArray, size: int) -> FloatArray:
-    """Unpack upper triangles (s, k, k) from their k (k + 1) / 2 values each."""
-    factors = np.zeros((len(packed), size, size))
-    factors[:, *np.triu_indices(size)] = packed
+    """Unpack the first m rows of upper triangles (s, m, k) from their k + (k - 1) + … values each."""
+    # Number of values in the first 0, 1, …, k rows: it tells how many rows there are.
+    sizes = np.cumsum([0, *range(size, 0, -1)])
+    rows = int(np.searchsorted(sizes, packed.shape[1]))
+    factors = np.zeros((len(packed), rows, size))
+    factors[:, *_locate_upper(rows, size)] = packed
     return factors
+
+
+def _locate_upper(rows: int, size: int) -> tuple[IndexArray, IndexArray]:
+    """Return the places on and above the diagonal of a matrix (rows, size)."""
+    return np.triu_indices(rows, m=size)
