@@ -12,8 +12,8 @@ from support.oracles import Motion, arm, crooked_urdf, fourier_motion, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
+from dynident.identification.strategies.separate_friction import find_sole_mover
 from dynident.recordings import Preprocessing
-from dynident.recordings.joint_phases import find_sole_mover
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))

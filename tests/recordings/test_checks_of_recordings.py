@@ -267,7 +267,7 @@ def test_all_torques_that_saturate_are_named(tmp_path):
         columns[name] = np.minimum(columns[name], np.quantile(columns[name], share))
     check = found(tmp_path, columns, "saturation")
     assert (check.status, check.column) == ("warning", "tau3")
-    assert re.search(r"So do tau2 in 6\.9.%, tau1 in 2\.9.% of the rows\.$", check.detail)
+    assert re.search(r"So do tau2 in 7\.0.%, tau1 in 3\.0.% of the rows\.$", check.detail)
 
 
 def test_the_torque_behind_a_brake_is_named_without_the_coordinates_of_the_base():

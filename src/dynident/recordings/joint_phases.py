@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import ceil
 from weakref import WeakKeyDictionary
@@ -24,47 +24,6 @@ from dynident.recordings.pose_recordings import has_poses
 from dynident.recordings.position_filter import READ_LENGTH
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.recording import Recording
-
-_SLOWEST = 5e-3
-"""Speed in rad/s or m/s below which a joint may as well stick."""
-
-_STILL = 2e-3
-"""Speed in rad/s or m/s that filtered noise gives a joint at rest."""
-
-_STILL_SHARE = 0.02
-"""Share of the moving joint's speed that the others may have: a controller does not hold them perfectly."""
-
-_DOUBLING = 0.25
-"""Seconds in which the speed may double at the earliest: slower changes than that are nearly none."""
-
-
-def find_sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
-    """Return which joint alone moves at nearly constant velocity.
-
-    Parameters
-    ----------
-    dq, ddq : (m, n)
-        Filtered velocities (rad/s, m/s) and accelerations.
-
-    Returns
-    -------
-    (m,) of int
-        -1 if none does.
-    """
-    speed = np.abs(dq)
-    first = np.argmax(speed, axis=1)
-    rows = np.arange(len(speed))
-    fastest = speed[rows, first]
-    others = speed.copy()
-    others[rows, first] = 0.0
-    # A joint that is held shows noise at any speed, and gives way the more, the faster the other one moves. A robot of
-    # one joint has no others: it counts as alone.
-    alone = others.max(axis=1, initial=0.0) <= np.maximum(_STILL, _STILL_SHARE * fastest)
-    # As a product: the acceleration of a joint at rest may be zero.
-    steady = np.abs(ddq[rows, first]) * _DOUBLING <= fastest
-    is_sole: BoolArray = alone & steady & (fastest >= _SLOWEST)
-    return np.where(is_sole, first, -1).astype(np.int64)
-
 
 SLOW = 0.01
 """Speed in rad/s or m/s below which a joint may as well stand: half and four times as much change little
@@ -119,7 +78,7 @@ class Phase(IntEnum):
     PASSIVE_HALT = 3
     """It moves, but a joint with friction that follows it turns round or stands."""
     NO_TORQUE = 4
-    """Its torque was not recorded: whatever it does, its own equation says nothing."""
+    """Its torque was not recorded, or stands at its range: whatever it does, its own equation says nothing."""
 
 
 PhaseArray = NDArray[np.int8]
@@ -148,9 +107,13 @@ class Halts:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """The halts of all joints in every segment of a recording: `halts[segment][joint]`."""
+    """The halts of all joints in every segment of a recording: `halts[segment][joint]`.
+
+    So is `clipped`, the times at which the torque of a joint stands at its range; empty where none does.
+    """
 
     halts: tuple[tuple[Halts, ...], ...]
+    clipped: tuple[tuple[Halts, ...], ...] = ()
 
     @property
     def freely_reversing(self) -> BoolArray:
@@ -190,6 +153,13 @@ class Phases:
             # All halts are reversals first; those that stick then count as standstills.
             out[halts.is_near(t, width, width + after, everyone), j] = Phase.REVERSING
             out[halts.is_near(t, width, width + after, halts.sticks), j] = Phase.STANDING
+        return out
+
+    def find_clipped(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> BoolArray:
+        """Return (m, n): at which times, as in `phases_at`, the torque of a joint is at its range, and not measured."""
+        out = np.zeros((len(t), len(self.halts[segment])), dtype=bool)
+        for j, spans in enumerate(self.clipped[segment] if self.clipped else ()):
+            out[:, j] = spans.is_near(t, width, width + after, spans.sticks)
         return out
 
 
@@ -238,7 +208,9 @@ _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
 def find_phases(recording: Recording) -> Phases:
     """Return the phases of a recording, computed once."""
     if recording not in _known:
-        _known[recording] = find_passive_phases(recording, lambda q: q, recording.n)
+        phases = find_passive_phases(recording, lambda q: q, recording.n)
+        segments = range(len(recording.segments)) if recording.torque_ranges else ()
+        _known[recording] = replace(phases, clipped=tuple(_find_clipped(recording, k) for k in segments))
     return _known[recording]
 
 
@@ -325,8 +297,23 @@ def _find_halts(
     )
 
 
-def _make_standstill(start: float, end: float) -> Halts:
-    return Halts(np.array([start]), np.array([end]), np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
+def _find_clipped(recording: Recording, index: int) -> tuple[Halts, ...]:
+    """Return when the torque of each joint stands at its range, in a segment."""
+    segment, (low, high) = recording.segments[index], np.transpose(recording.torque_ranges)
+    runs, first = [array("q") for _ in range(recording.n)], 0
+    for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
+        beyond = (rows.tau <= low) | (rows.tau >= high)
+        for joint in np.flatnonzero(beyond.any(axis=0)):
+            for a, b in find_spans(beyond[:, joint]):
+                _append_run(runs[joint], first + a, first + b, 1)
+        first += len(beyond)
+    rows_of = (np.array(run, dtype=np.int64).reshape(-1, 3)[:, :2] for run in runs)
+    return tuple(_make_standstill(*(segment.start_time + rows.T * recording.period)) for rows in rows_of)
+
+
+def _make_standstill(start: FloatArray | float, end: FloatArray | float) -> Halts:
+    starts, ends = np.atleast_1d(start), np.atleast_1d(end)
+    return Halts(starts, ends, np.ones(len(starts), dtype=bool), np.zeros(len(starts), dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -400,9 +387,9 @@ class _SpeedRuns:
         is_slow |= signs[1:] != signs[:-1]
         self._before = float(speed[-1])
         so_far = np.concatenate([[0], np.cumsum(is_slow)])
-        for a, b in _find_spans(is_slow | (np.abs(speed) < _SLOWLY * path.slow)):
+        for a, b in find_spans(is_slow | (np.abs(speed) < _SLOWLY * path.slow)):
             _append_run(self._near, start + a, start + b, int(so_far[b + 1] > so_far[a]))
-        for a, b in _find_spans(~is_slow & (np.abs(speed) >= _FASTER * path.slow)):
+        for a, b in find_spans(~is_slow & (np.abs(speed) >= _FASTER * path.slow)):
             _append_run(self._fast, start + a, start + b, int(np.sign(speed[a])), int(np.sign(speed[b])))
 
     def find_halts(self, path: _SpeedRule, start: float, length: int, rate: float) -> Halts:
@@ -428,7 +415,7 @@ class _SpeedRuns:
         return Halts(start + first / rate, start + last / rate, *_find_sticking(fast, first, last))
 
 
-def _find_spans(mask: BoolArray) -> list[tuple[int, int]]:
+def find_spans(mask: BoolArray) -> list[tuple[int, int]]:
     """Return first and last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

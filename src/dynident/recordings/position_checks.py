@@ -20,7 +20,7 @@ from dynident.recordings.file_source import RawSample
 from dynident.recordings.joint_phases import phase_shares
 from dynident.recordings.recording import JointLimits, Recording
 from dynident.recordings.recording_metadata import Check, Revision, Status
-from dynident.recordings.torque_checks import find_step
+from dynident.recordings.signal_spectra import find_step
 from dynident.recordings.units import format_time
 
 DEGREE = pi / 180.0

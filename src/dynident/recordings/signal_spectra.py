@@ -1,4 +1,4 @@
-"""Power spectra of velocity, position noise and torque (Welch), on which cut-offs are chosen."""
+"""Power spectra of velocity, position noise and torque (Welch), on which cut-offs are chosen; steps of signals."""
 
 from __future__ import annotations
 
@@ -154,3 +154,29 @@ def _read_rows(recording: Recording, first: int, length: int) -> tuple[FloatArra
     if len(parts) == 1:
         return parts[0].q, parts[0].tau
     return np.concatenate([rows.q for rows in parts]), np.concatenate([rows.tau for rows in parts])
+
+
+def find_step(values: FloatArray) -> float:
+    """Return the step that a signal comes in, 0 if it shows none.
+
+    Parameters
+    ----------
+    values : (m,)
+        The signal.
+
+    Returns
+    -------
+    float
+    """
+    levels = np.unique(values)
+    levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
+    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
+    if len(levels) < 3 or len(levels) > 0.5 * len(values):
+        return 0.0
+    gaps = np.diff(levels)
+    # Not the smallest gap itself: rounded digits make some gaps a little smaller than a step, and missing levels make
+    # others twice as large.
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
+    whole = gaps / step
+    # A grid: all gaps are whole numbers of steps.
+    return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0

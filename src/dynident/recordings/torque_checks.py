@@ -14,9 +14,12 @@ from dynident.number_format import format_percent
 from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
+from dynident.recordings.joint_phases import STANDS as STANDING_TRAVEL
+from dynident.recordings.joint_phases import find_spans
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision
+from dynident.recordings.signal_spectra import find_step
 from dynident.recordings.units import format_time
 
 SATURATED = 5e-3
@@ -32,7 +35,13 @@ friction cuts one side off. A torque that is cut off comes there at its own spee
 STANDS = 0.1
 """Share of its range that a joint may move behind a brake, which gives a little."""
 
-_SATURATES = "the drive, or the log, saturates there. Move more slowly, with less payload, or choose other windows."
+TOGGLES, TOGETHER = 2, 1.5
+"""Digits that a converter at the end of its range changes by; times the rows of plateaus that each has to add."""
+
+_SATURATES = (
+    "the drive, the sensor, or the log, saturates there. These rows are left out of the joint's equation and of its "
+    "errors. To use all rows, move more slowly, or with less payload."
+)
 
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
@@ -54,7 +63,6 @@ def check_torque(
     recording: Recording,
     sample: RawSample,
     layout: Layout,
-    limits: tuple[JointLimits, ...],
     against: ModelChecks | None = None,
 ) -> list[Check]:
     """Check the torques of the rows inside the windows: by themselves, then against the motion.
@@ -69,8 +77,6 @@ def check_torque(
         Raw rows from all over the recording.
     layout : Layout
         The columns of the file, matched with the joints.
-    limits : tuple of JointLimits
-        Limits of the n joints, as far as they are known.
     against : ModelChecks, optional
         What a model of the robot says.
 
@@ -83,7 +89,7 @@ def check_torque(
     # after.
     checks = [
         *_find_impossible_torques(sample, layout),
-        _check_saturation(recording, sample, layout, limits),
+        _check_saturation(recording, sample, layout),
         _check_constant_torque(recording, sample, layout),
     ]
     if checks[-1].status == "warning":
@@ -123,21 +129,43 @@ def _check_order_and_sign(
     return (order, *(_check_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
 
 
-def _check_saturation(
-    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
-) -> Check:
+def find_torque_ranges(
+    sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...], period: float
+) -> tuple[tuple[float, float], ...]:
+    """Find the range of each torque's sensor or drive, if the torque stands there.
+
+    Parameters
+    ----------
+    sample : RawSample
+        Raw rows from all over the recording.
+    layout : Layout
+        The columns of the file, matched with the joints.
+    limits : tuple of JointLimits
+        Limits of the n joints, as far as they are known.
+    period : float
+        Sampling period in s.
+
+    Returns
+    -------
+    n pairs (low, high)
+        Torques at and beyond which nothing was measured, infinite where there is no such end; empty if there is none.
+    """
+    run = max(RUN, round(SHORTEST / period))
+    ranges = [(-np.inf, np.inf)] * layout.n_base
+    for joint in range(layout.n_base, sample.tau.shape[1]):
+        tau, q = sample.tau[sample.used, joint], sample.q[sample.used, joint]
+        low, high = (_find_upper_end(sign * tau, q, limits[joint].effort, run) for sign in (-1.0, 1.0))
+        ranges.append((-low, high))
+    return tuple(ranges) if np.isfinite(ranges).any() else ()
+
+
+def _check_saturation(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
     plateaus: list[tuple[float, Check]] = []
-    run = max(RUN, round(SHORTEST * recording.sampling_rate))
-    for joint in range(layout.n_base, tau.shape[1]):
-        flat = _mark_plateaus(tau[:, joint], run)
-        effort = limits[joint].effort
-        if effort is not None and np.ptp(tau[:, joint]) > 0:
-            at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if effort > 0 else flat
-            # A convolution with ones counts the neighbours at the limit: single rows are no plateau.
-            flat |= at_limit & (np.convolve(at_limit, np.ones(run), "same") >= run)
+    for joint, (low, high) in enumerate(recording.torque_ranges):
+        flat = (tau[:, joint] <= low) | (tau[:, joint] >= high)
         share = float(flat.mean())
-        if flat.sum() >= run:
+        if flat.any():
             first = int(np.flatnonzero(flat)[0])
             brake = _find_brake(joint, flat, sample, layout)
             why = _describe_brake(brake) if brake else _SATURATES
@@ -150,7 +178,6 @@ def _check_saturation(
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
-                _exclude_plateaus(flat, t),
                 remedies=brake,
             )
             plateaus.append((share, check))
@@ -199,50 +226,49 @@ def _describe_brake(remedies: tuple[Remedy, ...]) -> str:
     )
 
 
-def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
-    """Return a revision that excludes the times around plateaus; None if they are too many to be a cure."""
-    at = t[flat]
-    # Plateaus whose margins touch become one excluded interval.
-    starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
-    first = np.flatnonzero(starts)
-    if len(first) > MOST_INTERVALS:
-        return None
-    last = np.append(first[1:] - 1, len(at) - 1)
-    whole = zip(at[first], at[last], strict=True)
-    return Revision(exclude=tuple((float(start) - AROUND, float(end) + AROUND) for start, end in whole))
-
-
-def _mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
-    """Mark the rows of runs at the largest or smallest value that last longer than a smooth peak would."""
-    marks = np.zeros(len(tau), dtype=bool)
-    reach = float(np.ptp(tau))
+def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: int) -> float:
+    """Return the least torque of the plateaus at a torque's largest value; infinite if it has none there."""
+    reach, top = float(np.ptp(tau)), float(tau.max(initial=-np.inf))
     if reach == 0.0 or len(tau) < 10 * run:
-        return marks
+        return np.inf
+    end, most = np.inf, 0
     # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
     resolution = find_step(tau)
-    for extreme in (float(tau.max()), float(tau.min())):
-        # The same value exactly, or to the last digit: a peak of a measured signal is never flat so long.
-        at = np.abs(tau - extreme) <= 1e-9 * reach
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            steps = np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
-            # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not
-            # cut off.
-            changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
-            if end - start >= run and changing and not _is_coarse_peak(tau, start, end, resolution):
-                marks[start:end] = True
-    return marks
+    # The same value exactly, or to the last digits of a converter, which come again and again.
+    levels, counts = np.unique(tau[tau > top - SATURATED * reach], return_counts=True)
+    for level in (top, *levels[(counts >= run) & (levels < top)][: -TOGGLES - 1 : -1]):
+        rows = 0
+        for start, last in find_spans(tau >= level - 1e-9 * reach):
+            # A joint that stands has a torque of a few digits as well.
+            travels = level == top or np.ptp(q[start : last + 1]) > STANDING_TRAVEL
+            if last - start + 1 >= run and travels and _is_plateau(tau, start, last + 1, level, resolution):
+                rows += last - start + 1
+        # Further digits belong to the end of the range if it is they that keep its plateaus together.
+        if rows > TOGETHER * most:
+            end, most = float(level - 1e-9 * reach), rows
+    # At a limit that is known, as long as no torque is beyond it.
+    if effort is not None and 0.0 < top < (1.0 + SATURATED) * effort:
+        at_limit = (1.0 - SATURATED) * effort
+        if any(last - start + 1 >= run for start, last in find_spans(tau > at_limit)):
+            end = min(end, at_limit)
+    return end
 
 
-def _is_coarse_peak(tau: FloatArray, start: int, end: int, resolution: float) -> bool:
-    """Tell whether a run at an extreme is the rounded top of a smooth peak: one digit below it is as wide again."""
-    length = end - start
+def _is_plateau(tau: FloatArray, start: int, end: int, level: float, resolution: float) -> bool:
+    """Tell whether a run at an extreme is no constant torque, nor the rounded top of a smooth peak.
+
+    One digit below such a top, or as many more as the run has, it is as wide again.
+    """
+    length, steps = end - start, np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
+    # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not cut off.
+    if np.count_nonzero(steps) <= 0.2 * max(1, len(steps) - length):
+        return False
     # As many rows on either side as the run has itself decide it: not the whole torque for every plateau.
     before, after = tau[max(0, start - length) : start][::-1], tau[end : end + length]
-    near = sum(
-        int(np.logical_and.accumulate(np.abs(side - tau[start]) <= 1.5 * resolution).sum()) for side in (before, after)
-    )
-    return near >= WIDER * length
+    deep = tau[start:end].max() - level
+    digit = max(resolution, deep / TOGGLES)
+    near = sum(int(np.logical_and.accumulate(side >= level - deep - 1.5 * digit).sum()) for side in (before, after))
+    return near < WIDER * length
 
 
 def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
@@ -471,29 +497,3 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
         float(sample.t[first]),
         Revision(torque_delay=float(f"{middle:.2g}")),
     )
-
-
-def find_step(values: FloatArray) -> float:
-    """Return the step that a signal comes in, 0 if it shows none.
-
-    Parameters
-    ----------
-    values : (m,)
-        The signal.
-
-    Returns
-    -------
-    float
-    """
-    levels = np.unique(values)
-    levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
-    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
-    if len(levels) < 3 or len(levels) > 0.5 * len(values):
-        return 0.0
-    gaps = np.diff(levels)
-    # Not the smallest gap itself: rounded digits make some gaps a little smaller than a step, and missing levels make
-    # others twice as large.
-    step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
-    whole = gaps / step
-    # A grid: all gaps are whole numbers of steps.
-    return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.effects import ReferenceParameters, get_effect
 from dynident.errors import DynidentError, Remedy
 from dynident.estimation import EquationFactors, Reduction
@@ -23,7 +23,6 @@ from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.methods.base_classes import StrategyChoices
 from dynident.identification.strategies.sequential import StepEstimates, check_estimator, conclude_steps, take_step
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
-from dynident.recordings.joint_phases import find_sole_mover
 from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.model_structure import Model
 
@@ -33,6 +32,46 @@ _PIECE, _SHORTEST = 1.0, 0.1
 _SAME_POSTURE = 0.02
 # Share of the largest singular value below which a direction of the four gravity and inertia columns is rounding.
 _RANK = 1e-6
+
+_SLOWEST = 5e-3
+"""Speed in rad/s or m/s below which a joint may as well stick."""
+
+_STILL = 2e-3
+"""Speed in rad/s or m/s that filtered noise gives a joint at rest."""
+
+_STILL_SHARE = 0.02
+"""Share of the moving joint's speed that the others may have: a controller does not hold them perfectly."""
+
+_DOUBLING = 0.25
+"""Seconds in which the speed may double at the earliest: slower changes than that are nearly none."""
+
+
+def find_sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
+    """Return which joint alone moves at nearly constant velocity.
+
+    Parameters
+    ----------
+    dq, ddq : (m, n)
+        Filtered velocities (rad/s, m/s) and accelerations.
+
+    Returns
+    -------
+    (m,) of int
+        -1 if none does.
+    """
+    speed = np.abs(dq)
+    first = np.argmax(speed, axis=1)
+    rows = np.arange(len(speed))
+    fastest = speed[rows, first]
+    others = speed.copy()
+    others[rows, first] = 0.0
+    # A joint that is held shows noise at any speed, and gives way the more, the faster the other one moves. A robot of
+    # one joint has no others: it counts as alone.
+    alone = others.max(axis=1, initial=0.0) <= np.maximum(_STILL, _STILL_SHARE * fastest)
+    # As a product: the acceleration of a joint at rest may be zero.
+    steady = np.abs(ddq[rows, first]) * _DOUBLING <= fastest
+    is_sole: BoolArray = alone & steady & (fastest >= _SLOWEST)
+    return np.where(is_sole, first, -1).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
