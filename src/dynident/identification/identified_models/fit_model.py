@@ -138,7 +138,7 @@ def _warn_of_disturbance(identification: Identification) -> list[str]:
     outlying = find_outlying_spans(identification.data.training)
     if outlying.drifts:
         return [
-            "What the model leaves of the torque changes slowly over the time of the data, like the friction of a robot "
+            "What the model leaves of the torque changes slowly over the time of the data, as friction of a robot does "
             "that warms up. A diagnosis names the effect; or record a warm robot, or its temperatures as well."
         ]
     return [
