@@ -14,7 +14,13 @@ from dynident.array_types import FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.all_checks import has_only_pauses, run_checks
-from dynident.recordings.base_motion import ReactionSource, add_base_pose, find_reactions, report_base
+from dynident.recordings.base_motion import (
+    ReactionSource,
+    add_base_pose,
+    find_reactions,
+    report_base,
+    report_external_axes,
+)
 from dynident.recordings.columns_to_signals import (
     Column,
     Layout,
@@ -204,6 +210,7 @@ def import_recording(
             *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *report_missing_torques(layout, joint_names),
+            *report_external_axes(file, layout),
             *report_base(joints, reactions),
         ]
         if poses is None:
