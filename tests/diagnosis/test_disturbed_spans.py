@@ -150,6 +150,39 @@ def test_an_identification_and_its_verdict_say_that_seconds_stand_out():
     assert any(f"{first:.1f} to {last:.1f} s" in step for step in steps)
 
 
+def warmed(seed: int, time_constant: float, seconds: float = 240.0, rate: float = 50.0) -> list[Recording]:
+    """A cold start of an arm and another one, whose friction falls with the time of either."""
+    robot, recordings = arm(("ur10", "franka_panda", "crooked")[seed % 3]), []
+    effort = np.array([joint.limits.effort for joint in robot.joints])
+    for k, length in ((seed, seconds), (seed + 100, 0.6 * seconds)):
+        motion, rng = fourier_motion(robot, length, rate, k), np.random.default_rng(k)
+        more = np.exp(-motion.t / time_constant)[:, None]
+        friction = 0.03 * effort * ((1.0 + 0.3 * more) * np.sign(motion.dq) + (1.0 + 1.3 * more) * motion.dq)
+        tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + friction + 0.002 * effort * motion.ddq
+        tau += 0.0005 * effort * rng.normal(size=tau.shape)
+        recordings.append(record(robot, motion, tau, f"start{k}"))
+    return recordings
+
+
+@pytest.mark.parametrize(("seed", "time_constant"), [(0, 70.0), (1, 40.0), (2, 70.0), (3, 70.0)])
+def test_friction_that_falls_slowly_is_no_interruption(seed, time_constant):
+    recordings = warmed(seed, time_constant)[:1]
+    robot = arm(("ur10", "franka_panda", "crooked")[seed % 3])
+    model = identify(robot, recordings, [], IdentificationChoices(WITH_OFFSET))
+    outlying = find_outlying_spans(model.data.training)
+    assert outlying.spans == ()
+    assert outlying.drifts
+    assert [one for one in model.warnings if "changes slowly over the time" in one]
+    assert not any("something else acted" in one for one in model.warnings)
+    assert not any("Leave out" in step for step in verdict(model).next_steps)
+
+
+def test_a_diagnosis_names_the_warm_up_also_where_the_clock_of_each_recording_starts_anew():
+    recordings = warmed(0, 70.0)
+    model = identify(arm("ur10"), recordings, [], IdentificationChoices(WITH_OFFSET))
+    assert diagnose(model, recordings).recommended[0].effect == "warm_up_friction"
+
+
 def reduction(rows: int, bad: slice, seed: int = 0, breaks: tuple[int, ...] = ()):
     """Equations of noise one, and ten in some rows, in stretches of a second; time starts anew at every break."""
     rng = np.random.default_rng(seed)
@@ -173,7 +206,9 @@ def test_spans_that_stand_out_are_found_with_parameters_that_they_did_not_shift(
 
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_has_no_spans_that_stand_out(seed):
-    assert find_outlying_spans(reduction(1000, slice(0, 0), seed)).spans == ()
+    found = find_outlying_spans(reduction(1000, slice(0, 0), seed))
+    assert found.spans == ()
+    assert not found.drifts
 
 
 def test_a_whole_run_that_differs_from_others_is_no_span():

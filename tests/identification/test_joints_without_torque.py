@@ -10,6 +10,7 @@ import pytest
 from support.drawn_recordings import FloatArray, guess, log, read
 
 import dynident as dy
+from dynident.array_types import BoolArray
 from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError, Remedy
@@ -248,3 +249,72 @@ def test_a_torque_of_zero_behind_a_brake_saturates_nowhere_and_is_told_with_a_wa
     columns["tau2"] = np.maximum(columns["tau2"] - np.quantile(columns["tau2"], 0.4), 0.0)
     with pytest.raises(RecordingError, match="or the log, saturates there"):
         read(given.robot, tmp_path, columns)
+
+
+def clipped(tau: FloatArray, joints: tuple[int, ...], step: float, seed: int) -> tuple[FloatArray, BoolArray]:
+    """Torques whose sensors end at nine tenths of their rows, or toggle there by a step; and where they do."""
+    changed, ends = tau.copy(), np.zeros(tau.shape, dtype=bool)
+    rng = np.random.default_rng(seed)
+    for joint in joints:
+        own = changed[:, joint]
+        end = np.quantile(np.abs(own), 0.9)
+        ends[:, joint] = np.abs(own) >= end
+        toggles = step * np.ptp(own) * rng.integers(0, 2, len(own))
+        changed[:, joint] = np.where(ends[:, joint], np.sign(own) * (end - toggles), own)
+    return changed, ends
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "step", "seed", "rate"),
+    [
+        ("ur10", (1, 2), 0.0, 3, 200.0),
+        ("ur10", (1,), 2.0**-12, 4, 500.0),
+        ("franka_panda", (1, 3), 2.0**-12, 5, 500.0),
+    ],
+)
+def test_rows_of_a_torque_at_its_range_are_told_and_left_out_of_that_joint_alone(
+    tmp_path: Path, name: str, joints: tuple[int, ...], step: float, seed: int, rate: float
+) -> None:
+    found: list[list[Recording]] = [[], []]
+    for number, (k, seconds) in enumerate(((seed, 30.0), (seed + 10, 20.0))):
+        given = log(name, k, rate, seconds)
+        tau, ends = clipped(given.tau, joints, step, k)
+        for kind, torques in enumerate((given.tau, tau)):
+            folder = tmp_path / f"{number} {kind}"
+            folder.mkdir()
+            one = read(given.robot, folder, given.columns(tau=torques))
+            (told,) = [check for check in one.checks if check.name == "saturation"]
+            found[kind].append(one.recording)
+            if not kind:
+                assert told.status == "ok"
+                assert one.recording.torque_ranges == ()
+        for joint in joints:
+            assert f"tau{joint + 1}" in told.detail
+            low, high = one.recording.torque_ranges[joint]
+            beyond = (tau[:, joint] <= low) | (tau[:, joint] >= high)
+            # A peak that the sensor just reaches now and then is no plateau, and needs none.
+            assert (beyond == ends[:, joint]).mean() > 0.99
+        assert one.recording.path is not None
+        assert open_recording(one.recording.path).torque_ranges == one.recording.torque_ranges
+    clean, with_ends = (identify(given.robot, [fit], [held]) for fit, held in found)
+    assert clean.held_out is not None
+    assert with_ends.held_out is not None
+    assert with_ends.held_out.relative_total < 1.3 * clean.held_out.relative_total
+    others = np.delete(np.arange(given.robot.n), joints)
+    assert (with_ends.held_out.counts[others] == clean.held_out.counts[others]).all()
+    assert (with_ends.held_out.counts[list(joints)] < 0.95 * clean.held_out.counts[list(joints)]).all()
+
+
+def test_coarse_torques_of_a_joint_that_stands_are_at_no_range(tmp_path: Path) -> None:
+    given = log("ur10", 6, 500.0)
+    q, tau = given.q.copy(), given.tau.copy()
+    # Joint 2 stands where gravity acts most, with a digit of noise, in the middle of the motion.
+    rests = slice(len(q) // 3, len(q) // 2)
+    step = 2.0**-12 * np.ptp(tau[:, 1])
+    q[rests, 1] = q[rests.start, 1]
+    tau[rests, 1] = np.abs(tau[:, 1]).max() + step * np.random.default_rng(0).integers(0, 2, len(q[rests]))
+    columns = given.columns(q=q, tau=step * np.round(tau / step))
+    accept = ("position_jump", "joint_order", "torque_scale", "held_samples", "torque_sign", "torque_order")
+    found = read(given.robot, tmp_path, columns, accept=accept)
+    assert [check.status for check in found.checks if check.name == "saturation"] == ["ok"]
+    assert found.recording.torque_ranges == ()

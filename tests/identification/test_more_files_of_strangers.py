@@ -22,13 +22,10 @@ from support.oracles import crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
-from dynident.identification.column_inference.column_names import (
-    describe_waves,
-    list_spellings_by_joint,
-    read_names,
-)
+from dynident.identification.column_inference.column_names import list_spellings_by_joint, read_names
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
+from dynident.identification.column_inference.metadata_proposal import describe_waves
 from dynident.identification.column_inference.unit_inference import compute_reach, guess_torque_unit
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.fault_search import _find_turned_pair
@@ -1096,19 +1093,6 @@ def test_one_limit_of_effort_that_is_too_small_rules_no_unit_out(wrong: int, uni
     assert guess_torque_unit(robot, given.tau, None, compute_reach(robot)).unit == unit
 
 
-@pytest.mark.parametrize(
-    ("names", "size", "asks"), [("pos.A{}", 900.0, True), ("pos.A{}", 0.01, False), ("q{}", 3.0, False)]
-)
-def test_an_axis_that_carries_the_robot_is_asked_for_where_it_moves(names: str, size: float, asks: bool) -> None:
-    """Such as E1 of a linear unit: its acceleration is in every torque, and the description ends at the base."""
-    given = log("ur10", 2, duration=8.0)
-    columns = {"t": given.t} | {names.format(k + 1): np.degrees(given.q[:, k]) for k in range(6)}
-    columns |= {f"torque.A{k + 1}": given.tau[:, k] for k in range(6)}
-    columns[names.replace("A", "E").format("1" if asks or size < 1.0 else "_tool")] = size * np.sin(0.3 * given.t)
-    details = [question.detail for question in guess(given.robot, columns).questions]
-    assert any("no joint of the robot is called so" in detail for detail in details) == asks
-
-
 @pytest.mark.parametrize("borne_out", [True, False])
 def test_masses_decide_between_one_turned_joint_and_two(monkeypatch: pytest.MonkeyPatch, borne_out: bool) -> None:
     """Of two turned joints a third may seem to be turned, and a fit explain hardly less."""
@@ -1122,3 +1106,61 @@ def test_masses_decide_between_one_turned_joint_and_two(monkeypatch: pytest.Monk
     left = judge.measure_unexplained(single.mend(motion))
     pair = _find_turned_pair(single, left, judge, motion, SimpleNamespace(prefers=lambda *_: borne_out))  # type: ignore[arg-type]
     assert (pair is not None and pair[0].joints == (1, 3)) == borne_out
+
+
+EXTERNAL_AXES = [
+    ("feedBack.joints.joints[{}]", "feedBack.externalJoints.joints[0]", "motorTorque.joints[{}]",
+     "motorTorque.externalJoints.joints[0]", 0),
+    ("$AXIS_ACT.A{}", "$AXIS_ACT.E1", "$TORQUE_AXIS_ACT.A{}", "$TORQUE_AXIS_ACT.E1", 1),
+    ("joint_pos_{}", "ext_axis_pos_1", "joint_torque_{}", "ext_axis_torque_1", 1),
+    ("pos_j{}", "pos_rail", "torque_j{}", "torque_rail", 1),
+]  # fmt: skip
+"""Names of positions and torques of joints, and of the axis that carries them; the first number."""
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("q", "axis", "tau", "force", "first"), EXTERNAL_AXES)
+def test_the_external_axis_of_a_controller_is_the_joint_that_slides(
+    seed: int, q: str, axis: str, tau: str, force: str, first: int
+) -> None:
+    robot = robot_from_urdf("railed", crooked_urdf(5, seed, (0,)))
+    given = log_of(robot, seed)
+    numbers = range(first, first + 4)
+    columns = {"t": given.t, axis: 1e3 * given.q[:, 0], force: given.tau[:, 0]}
+    columns |= {q.format(k): np.rad2deg(given.q[:, 1 + j]) for j, k in enumerate(numbers)}
+    columns |= {tau.format(k): given.tau[:, 1 + j] for j, k in enumerate(numbers)}
+    # A controller has its external axis behind the joints.
+    columns = {name: columns[name] for name in sorted(columns, key=lambda name: name in (axis, force))}
+    found = guess(robot, columns)
+    assert [found.columns[f"q{k}"] for k in range(1, 6)] == [axis, *(q.format(k) for k in numbers)]
+    assert [found.columns[f"tau{k}"] for k in range(1, 6)] == [force, *(tau.format(k) for k in numbers)]
+    assert found.units["q1"] == "mm"
+    assert found.units["q2"] == "deg"
+
+
+def test_an_external_axis_with_the_name_of_its_joint_is_counted_by_no_number() -> None:
+    text = crooked_urdf(5, 3, (0,)).replace('"j0"', '"rail"')
+    for k in range(1, 5):
+        text = text.replace(f'"j{k}"', f'"j{k - 1}"')
+    robot = robot_from_urdf("railed", text)
+    given = log_of(robot, 3)
+    names = ["rail", *(f"j{k}" for k in range(4))]
+    columns = {"t": given.t} | {f"{name}_pos": given.q[:, k] for k, name in enumerate(names)}
+    columns |= {f"{name}_torque": given.tau[:, k] for k, name in enumerate(names)}
+    found = guess(robot, columns)
+    assert [found.columns[f"q{k + 1}"] for k in range(5)] == [f"{name}_pos" for name in names]
+
+
+@pytest.mark.parametrize(("moves", "name"), [(True, "$AXIS_ACT.E1"), (False, "$AXIS_ACT.E1"), (True, "$OV_ACT")])
+def test_an_external_axis_that_moves_and_that_the_robot_lacks_is_told(moves: bool, name: str, tmp_path: Path) -> None:
+    given = log(seed=8)
+    columns = {"t": given.t} | {f"$AXIS_ACT.A{k + 1}": given.q[:, k] for k in range(6)}
+    columns |= {f"$TORQUE_AXIS_ACT.A{k + 1}": given.tau[:, k] for k in range(6)}
+    noise = 0.01 * np.random.default_rng(8).normal(size=len(given.t))
+    columns[name] = 300.0 + noise + (500.0 * np.sin(0.7 * given.t) if moves else 0.0)
+    ours = {f"{ours}{k}": f"{theirs}.A{k}" for k in range(1, 7) for ours, theirs in
+            (("q", "$AXIS_ACT"), ("tau", "$TORQUE_AXIS_ACT"))}  # fmt: skip
+    found = read(given.robot, tmp_path, columns, columns=ours)
+    told = [check.detail for check in found.checks if check.name == "joint_columns" and check.status == "warning"]
+    assert len(told) == (moves and "E1" in name)
+    assert all("E1 moves by" in detail and "the description has no such joint" in detail for detail in told)

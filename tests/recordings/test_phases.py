@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
-from dynident.recordings.joint_phases import STANDS, Phase, compute_smear_width, find_filtered_phases, find_phases
+from dynident.recordings.filter_overshoots import find_filtered_phases
+from dynident.recordings.joint_phases import STANDS, Phase, compute_smear_width, find_phases
 
 QUANTUM = 2 * np.pi / 2**18
 

@@ -40,6 +40,12 @@ _ROUNDS = 3
 """Rounds that estimate every equation's noise from the rows outside the span; the second changes it by a few per cent.
 """
 
+_DRIFTS = 0.5
+"""Share of the squared residual that a drift leaves at most: less is a coincidence."""
+
+_WARMING = (np.inf, 0.5, 0.25, 0.125)
+"""Time constants of a warm-up, as shares of a recording; infinite: a steady change."""
+
 _QUIET = 1e-3
 """Share of the torque that no sensor resolves: in noiseless data a smaller residual counts as none."""
 
@@ -83,10 +89,13 @@ class OutlyingSpans:
         The largest ratio first.
     values : (c,)
         Parameters χ from all rows outside these spans.
+    drifts : bool
+        Whether parameters that change slowly explain what stands out better than any span: friction that warms up.
     """
 
     spans: tuple[OutlyingSpan, ...]
     values: FloatArray
+    drifts: bool = False
 
 
 def find_outlying_spans(reduction: Reduction, ratio: float = OUTLYING_RATIO) -> OutlyingSpans:
@@ -115,6 +124,8 @@ def find_outlying_spans(reduction: Reduction, ratio: float = OUTLYING_RATIO) -> 
         best = search.find_best_window(ratio)
         if best is None:
             break
+        if search.is_drift(*best[:2]):
+            return OutlyingSpans((), _SpanSearch(reduction).solve_parameters(), drifts=True)
         search.leave_out(*best[:2])
         span = search.describe_span(*best)
         outlying += [] if span is None else [span]
@@ -171,6 +182,31 @@ class _SpanSearch:
     def _subtract_window(self, first: int, last: int) -> list[FloatArray]:
         """Return the products of every equation without those of some blocks."""
         return [total - (sums[last] - sums[first]) for total, sums in zip(self._total, self._sums, strict=True)]
+
+    def is_drift(self, first: int, last: int) -> bool:
+        """Tell whether parameters that change slowly explain more than as many of a span's own.
+
+        An interruption has two ends, and the same parameters before and behind. Friction that warms up changes fast at
+        first, then ever more slowly, so that any border between a span and the rest is as good as another.
+        """
+        sums = self._add_equations(self._sums)
+        inside, blocks = sums[last] - sums[first], np.diff(sums, axis=0)
+        blocks[self._out] = 0.0
+        total = blocks.sum(axis=0)
+        whole, own, rest = (
+            float(_compute_squares(part, _solve_products(part))) for part in (total, inside, total - inside)
+        )
+        changing = np.array([_add_changing_columns(blocks, change) for change in self._list_changes()])
+        left = float(_compute_squares(changing, _solve_products(changing)).min())
+        return left < min(own + rest, _DRIFTS * whole)
+
+    def _list_changes(self) -> list[FloatArray]:
+        """Return courses (s,) of a slow change over all blocks, and over those of each segment anew."""
+        over_all = (np.arange(len(self._run)) + 0.5) / len(self._run)
+        numbers, lengths = np.arange(len(self._run)), np.bincount(self._run)
+        over_each = (numbers - np.searchsorted(self._run, self._run) + 0.5) / lengths[self._run]
+        clocks = [over_all, over_each] if len(lengths) > 1 else [over_all]
+        return [np.exp(-clock / part) if np.isfinite(part) else clock for clock in clocks for part in _WARMING]
 
     def describe_span(self, first: int, last: int, ratio: float) -> OutlyingSpan | None:
         """Describe blocks as a span; None where they are nearly a whole segment of several."""
@@ -267,6 +303,12 @@ def _sum_prefixes(equation: EquationFactors, starts: IndexArray) -> FloatArray:
     squared = equation.factors.transpose(0, 2, 1) @ equation.factors
     blocks = np.add.reduceat(squared, starts, axis=0)
     return np.concatenate([np.zeros((1, *blocks.shape[1:])), np.cumsum(blocks, axis=0)])
+
+
+def _add_changing_columns(blocks: FloatArray, change: FloatArray) -> FloatArray:
+    """Return the products (2 c + 1, 2 c + 1) of blocks (s, c + 1, c + 1) with every column also times a change (s,)."""
+    plain, once, twice = (np.tensordot(power, blocks, axes=1) for power in (change**0, change, change**2))
+    return np.block([[twice[:-1, :-1], once[:-1]], [once[:, :-1], plain]])
 
 
 def _find_block_edges(run: IndexArray) -> IndexArray:

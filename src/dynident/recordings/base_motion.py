@@ -378,3 +378,33 @@ def report_base(joints: RecordedJoints, reactions: Sequence[Reaction]) -> tuple[
             "such as in another frame, leave it out."
         )
     return (Check("base_forces", "warning" if twice else "ok", sentence),)
+
+
+_EXTERNAL_AXIS = re.compile(r"(?<![^\W_])E[1-6](?![^\W_])|EIPos|ext(ernal)?[\W_]*(axis|axes|joint)", re.IGNORECASE)
+_MOVES = 20.0
+"""What controllers call an axis that carries a robot; steps from row to row that an axis at rest stays within."""
+
+
+def report_external_axes(file: FileSource, layout: Layout) -> tuple[Check, ...]:
+    """Return warnings of external axes in the file that move, and that the robot has no joint for."""
+    used = [column.source for column in (*layout.q, *layout.tau)]
+    places = {name: _EXTERNAL_AXIS.search(name) for name in file.names if name not in used}
+    # Beside the positions of the joints, by what stands before it, are those of the axes.
+    heads = {name: name[: place.start()] for name, place in places.items() if place is not None}
+    beside = [name for name, head in heads.items() if any(column.source.startswith(head) for column in layout.q)]
+    axes = Layout(layout.t, None, tuple(Column(name) for name in beside), ())
+    values = np.concatenate([rows.values for rows in file.rows(axes)]) if beside else np.zeros((2, 0))
+    steps = np.sqrt(np.nanmean(np.diff(values, axis=0) ** 2, axis=0))
+    travels = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
+    return tuple(
+        Check(
+            "joint_columns",
+            "warning",
+            f"{name} moves by {travel:.4g} {file.units.get(name, 'in its own unit')}, and the description has no such "
+            "joint. If it carries the robot, its acceleration acts on all joints and no effect of the arm explains it: "
+            "put a sliding joint under the base of the description, or record with that axis at rest.",
+            column=name,
+        )
+        for name, travel, step in zip(beside, travels, steps, strict=True)
+        if travel > _MOVES * step > 0.0
+    )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import ceil
 from weakref import WeakKeyDictionary
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.pose_recordings import has_poses
-from dynident.recordings.position_filter import READ_LENGTH, filtered_blocks
+from dynident.recordings.position_filter import READ_LENGTH
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.recording import Recording
 
@@ -45,7 +45,7 @@ it, and at most, however coarse they are."""
 _SLOWLY = 2.0
 """Times the slow speed that a halt begins and ends at: noise about one threshold would cut it into many."""
 
-_FASTER = 5.0
+FASTER = 5.0
 """Times the slow speed that a joint which turns freely comes from and goes to; in between its acceleration lasts."""
 
 _LINGERS = 1.5
@@ -55,9 +55,6 @@ third (`benchmarks/standing_rows.py`): nobody can tell them from a turn."""
 
 _UNTOLD = 0.2
 """Share of its rms speed that a joint's speed is uncertain by, from where on nobody can tell when it stands."""
-
-_GIBBS = 0.09
-"""Share of a step that a filter overshoots by: Gibbs's limit, which a Butterworth filter of high order comes near."""
 
 _SURVEYED = 16384
 """Samples that the resolution of the positions is told from."""
@@ -81,7 +78,7 @@ class Phase(IntEnum):
     PASSIVE_HALT = 3
     """It moves, but a joint with friction that follows it turns round or stands."""
     NO_TORQUE = 4
-    """Its torque was not recorded: whatever it does, its own equation says nothing."""
+    """Its torque was not recorded, or stands at its range: whatever it does, its own equation says nothing."""
 
 
 PhaseArray = NDArray[np.int8]
@@ -123,9 +120,13 @@ class Halts:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """The halts of all joints in every segment of a recording: `halts[segment][joint]`."""
+    """The halts of all joints in every segment of a recording: `halts[segment][joint]`.
+
+    So is `clipped`, the times at which the torque of a joint stands at its range; empty where none does.
+    """
 
     halts: tuple[tuple[Halts, ...], ...]
+    clipped: tuple[tuple[Halts, ...], ...] = ()
 
     @property
     def freely_reversing(self) -> BoolArray:
@@ -165,6 +166,13 @@ class Phases:
             # All halts are reversals first; those that stick then count as standstills.
             out[halts.is_near(t, width, width + after, everyone), j] = Phase.REVERSING
             out[halts.is_near(t, width, width + after, halts.sticks), j] = Phase.STANDING
+        return out
+
+    def find_clipped(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> BoolArray:
+        """Return (m, n): at which times, as in `phases_at`, the torque of a joint is at its range, and not measured."""
+        out = np.zeros((len(t), len(self.halts[segment])), dtype=bool)
+        for j, spans in enumerate(self.clipped[segment] if self.clipped else ()):
+            out[:, j] = spans.is_near(t, width, width + after, spans.sticks)
         return out
 
 
@@ -208,64 +216,15 @@ class PhaseShares:
 
 # Computed once for each recording, and kept as long as it lives: it takes two passes over the positions.
 _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
-_known_filtered: WeakKeyDictionary[Recording, dict[tuple[float, int, float], Phases]] = WeakKeyDictionary()
 
 
 def find_phases(recording: Recording) -> Phases:
     """Return the phases of a recording, computed once."""
     if recording not in _known:
-        _known[recording] = find_passive_phases(recording, lambda q: q, recording.n)
+        phases = find_passive_phases(recording, lambda q: q, recording.n)
+        segments = range(len(recording.segments)) if recording.torque_ranges else ()
+        _known[recording] = replace(phases, clipped=tuple(_find_clipped(recording, k) for k in segments))
     return _known[recording]
-
-
-def find_filtered_phases(recording: Recording, preprocessing: Preprocessing) -> Phases:
-    """Return the phases of a recording with the reversals that the filter of its positions makes, computed once.
-
-    The filter overshoots where a joint brakes from full speed to a creep: for some rows the filtered joint moves the
-    other way, and friction has the wrong sign. Where the filtered speed changes its sign and no halt is near, the joint
-    counts as reversing, from the first change to the last.
-
-    Parameters
-    ----------
-    recording : Recording
-        The checked recording.
-    preprocessing : Preprocessing
-        The filters.
-    """
-    if preprocessing.position_cutoff is None or has_poses(recording):
-        return find_phases(recording)
-    width = compute_smear_width(preprocessing, recording.sampling_rate)
-    filters = preprocessing.position_cutoff, preprocessing.filter_order, width
-    of_filters = _known_filtered.setdefault(recording, {})
-    if filters not in of_filters:
-        segments = zip(find_phases(recording).halts, _find_overshoots(recording, preprocessing, width), strict=True)
-        joined = (tuple(own.with_reversals(t, width) for own, t in zip(*both, strict=True)) for both in segments)
-        of_filters[filters] = Phases(tuple(joined))
-    return of_filters[filters]
-
-
-def _find_overshoots(recording: Recording, preprocessing: Preprocessing, width: float) -> list[list[FloatArray]]:
-    """Return the times, by segment and joint, at which the filtered speed changes its sign by an overshoot.
-
-    Speeds within two widths (s) of it are of one sign but for what a filter overshoots by. Noise, coarse encoders and
-    ripples make speeds of both signs.
-    """
-    times: list[list[list[FloatArray]]] = [[[] for _ in range(recording.n)] for _ in recording.segments]
-    before = np.zeros(0), np.zeros((0, recording.n))
-    for block in filtered_blocks(recording, preprocessing):
-        if block.starts_segment:
-            before = before[0][:0], before[1][:0]
-        t, speed = (np.concatenate(pair) for pair in zip(before, (block.t, block.dq), strict=True))
-        reach = ceil(2.0 * width / (recording.period * (preprocessing.decimation or 1)))
-        for j, own in enumerate(speed.T):
-            for k in np.flatnonzero(own[1:] * own[:-1] < 0.0):
-                # Those with too few rows behind them come again with the next block.
-                near = own[max(0, k - reach) : k + reach + 2]
-                low, high = sorted((-float(near.min()), float(near.max())))
-                if low <= _GIBBS * high and high > _FASTER * SLOW:
-                    times[block.segment][j].append(t[k : k + 1])
-        before = t[-2 * reach - 2 :], speed[-2 * reach - 2 :]
-    return [[np.unique(np.concatenate([np.zeros(0), *of_joint])) for of_joint in segment] for segment in times]
 
 
 def find_passive_phases(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:
@@ -351,8 +310,23 @@ def _find_halts(
     )
 
 
-def _make_standstill(start: float, end: float) -> Halts:
-    return Halts(np.array([start]), np.array([end]), np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
+def _find_clipped(recording: Recording, index: int) -> tuple[Halts, ...]:
+    """Return when the torque of each joint stands at its range, in a segment."""
+    segment, (low, high) = recording.segments[index], np.transpose(recording.torque_ranges)
+    runs, first = [array("q") for _ in range(recording.n)], 0
+    for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
+        beyond = (rows.tau <= low) | (rows.tau >= high)
+        for joint in np.flatnonzero(beyond.any(axis=0)):
+            for a, b in find_spans(beyond[:, joint]):
+                _append_run(runs[joint], first + a, first + b, 1)
+        first += len(beyond)
+    rows_of = (np.array(run, dtype=np.int64).reshape(-1, 3)[:, :2] for run in runs)
+    return tuple(_make_standstill(*(segment.start_time + rows.T * recording.period)) for rows in rows_of)
+
+
+def _make_standstill(start: FloatArray | float, end: FloatArray | float) -> Halts:
+    starts, ends = np.atleast_1d(start), np.atleast_1d(end)
+    return Halts(starts, ends, np.ones(len(starts), dtype=bool), np.zeros(len(starts), dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -426,9 +400,9 @@ class _SpeedRuns:
         is_slow |= signs[1:] != signs[:-1]
         self._before = float(speed[-1])
         so_far = np.concatenate([[0], np.cumsum(is_slow)])
-        for a, b in _find_spans(is_slow | (np.abs(speed) < _SLOWLY * path.slow)):
+        for a, b in find_spans(is_slow | (np.abs(speed) < _SLOWLY * path.slow)):
             _append_run(self._near, start + a, start + b, int(so_far[b + 1] > so_far[a]))
-        for a, b in _find_spans(~is_slow & (np.abs(speed) >= _FASTER * path.slow)):
+        for a, b in find_spans(~is_slow & (np.abs(speed) >= FASTER * path.slow)):
             _append_run(self._fast, start + a, start + b, int(np.sign(speed[a])), int(np.sign(speed[b])))
 
     def find_halts(self, path: _SpeedRule, start: float, length: int, rate: float) -> Halts:
@@ -454,7 +428,7 @@ class _SpeedRuns:
         return Halts(start + first / rate, start + last / rate, *_find_sticking(fast, first, last))
 
 
-def _find_spans(mask: BoolArray) -> list[tuple[int, int]]:
+def find_spans(mask: BoolArray) -> list[tuple[int, int]]:
     """Return first and last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -507,7 +481,7 @@ def _find_sticking(fast: IntArray, first: IntArray, last: IntArray) -> tuple[Boo
     # The time from fast to slow or from slow to fast, the shorter of the two: the larger acceleration.
     side = np.minimum(first[inside] - came[:, 1], went[:, 0] - last[inside])
     # From 5 to 2 times the slow speed, and from 2 times one way to 2 times the other, at one acceleration.
-    free = side * (2.0 * _SLOWLY / (_FASTER - _SLOWLY))
+    free = side * (2.0 * _SLOWLY / (FASTER - _SLOWLY))
     turns[inside] = came[:, 3] != went[:, 2]
     sticks[inside] = ~turns[inside] | (last[inside] - first[inside] > _LINGERS * free + _SAMPLES)
     return sticks, turns

@@ -225,6 +225,8 @@ class Recording(KnownNames):
         Joints whose torque was not recorded and is stored as zero: their motion counts, their own equation does not.
     torque_from_commands : bool
         Whether no torque was recorded, and the rows hold what position servos make of their commands.
+    torque_ranges : n pairs (low, high)
+        Torques at and beyond which a joint's sensor or drive is at its range, infinite where it never is; empty: none.
     """
 
     name: str
@@ -241,6 +243,7 @@ class Recording(KnownNames):
     has_command: bool = False
     joints_without_torque: tuple[str, ...] = ()
     torque_from_commands: bool = False
+    torque_ranges: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         # The name of its file may be no UTF-8, and Arrow and matplotlib take no text that has no encoding.

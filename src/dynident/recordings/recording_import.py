@@ -14,7 +14,13 @@ from dynident.array_types import FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.all_checks import has_only_pauses, run_checks
-from dynident.recordings.base_motion import ReactionSource, add_base_pose, find_reactions, report_base
+from dynident.recordings.base_motion import (
+    ReactionSource,
+    add_base_pose,
+    find_reactions,
+    report_base,
+    report_external_axes,
+)
 from dynident.recordings.columns_to_signals import (
     Column,
     Layout,
@@ -39,6 +45,7 @@ from dynident.recordings.recording_metadata import Check, RecordingError, Record
 from dynident.recordings.row_storage import ArraySink, ArraySource, ParquetSink, ParquetSource
 from dynident.recordings.sampling_clock import TimeBase, TimeScan, check_time
 from dynident.recordings.time_columns import RestartingSource
+from dynident.recordings.torque_checks import find_torque_ranges
 from dynident.recordings.uniform_segments import Segmenter
 from dynident.recordings.units import format_time
 
@@ -175,8 +182,9 @@ def import_recording(
                     scale_progress(progress, 0.2, 0.8),
                     conditioning,
                 )
+                ranges = find_torque_ranges(sample, layout, joints.known_limits, base.period)
             else:
-                segments = write_poses(poses, sink)
+                segments, ranges = write_poses(poses, sink), ()
             recording = Recording(
                 name=metadata.name,
                 joint_names=joint_names,
@@ -192,6 +200,7 @@ def import_recording(
                 has_command=bool(layout.q_command),
                 joints_without_torque=tuple(joint_names[joint] for joint in layout.without_torque),
                 torque_from_commands=layout.servo_gains is not None,
+                torque_ranges=ranges,
             )
             # The description stands behind the rows, because the segments are known only after the last of them.
             sink.describe(recording)
@@ -201,6 +210,7 @@ def import_recording(
             *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *report_missing_torques(layout, joint_names),
+            *report_external_axes(file, layout),
             *report_base(joints, reactions),
         ]
         if poses is None:

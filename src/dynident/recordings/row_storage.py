@@ -354,6 +354,7 @@ def describe_recording(recording: Recording) -> bytes:
         "has_command": recording.has_command,
         "joints_without_torque": recording.joints_without_torque,
         "torque_from_commands": recording.torque_from_commands,
+        "torque_ranges": recording.torque_ranges,
     }
     return json.dumps(content).encode()
 
@@ -411,4 +412,5 @@ def open_recording(path: Path | str) -> Recording:
         has_command=content.get("has_command", False),
         joints_without_torque=tuple(content.get("joints_without_torque", ())),
         torque_from_commands=content.get("torque_from_commands", False),
+        torque_ranges=tuple((low, high) for low, high in content.get("torque_ranges", ())),
     )

@@ -1,4 +1,4 @@
-"""Power spectra of signals (Welch), on which cut-offs are chosen; the steps and plateaus of converters in signals."""
+"""Power spectra of velocity, position noise and torque (Welch), on which cut-offs are chosen; steps of signals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, special
 
-from dynident.array_types import BoolArray, FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.recordings.recording import Recording
 
@@ -154,65 +154,6 @@ def _read_rows(recording: Recording, first: int, length: int) -> tuple[FloatArra
     if len(parts) == 1:
         return parts[0].q, parts[0].tau
     return np.concatenate([rows.q for rows in parts]), np.concatenate([rows.tau for rows in parts])
-
-
-WIDER = 0.2
-"""Rows that a rounded peak spends one digit below its top, over those at the top: 0.41 of a parabola, half of it where
-friction cuts one side off. A torque that is cut off comes there at its own speed."""
-
-_NEAR, _OFTEN = 0.01, 10
-"""Share of a torque's range beside its extreme, and times that its values there come again where it flickers."""
-
-
-def mark_plateaus(tau: FloatArray, run: int) -> BoolArray:
-    """Mark the rows (m,) of runs at the largest or smallest value that last longer than a smooth peak would.
-
-    Parameters
-    ----------
-    tau : (m,)
-        A torque.
-    run : int
-        Rows that a run has at least.
-    """
-    marks = np.zeros(len(tau), dtype=bool)
-    reach = float(np.ptp(tau))
-    if reach == 0.0 or len(tau) < 10 * run:
-        return marks
-    # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
-    resolution = find_step(tau)
-    for extreme in (float(tau.max()), float(tau.min())):
-        # The same value exactly, or to the last digit of a converter: a measured peak is never flat so long.
-        at = np.abs(tau - extreme) <= max(1e-9 * reach, 1.01 * _find_flicker(tau, extreme))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            steps = np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
-            # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not
-            # cut off.
-            changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
-            if end - start >= run and changing and not _is_coarse_peak(tau, start, end, resolution):
-                marks[start:end] = True
-    return marks
-
-
-def _is_coarse_peak(tau: FloatArray, start: int, end: int, resolution: float) -> bool:
-    """Tell whether a run at an extreme is the rounded top of a smooth peak: one digit below it is as wide again."""
-    length = end - start
-    # As many rows on either side as the run has itself decide it: not the whole torque for every plateau.
-    before, after = tau[max(0, start - length) : start][::-1], tau[end : end + length]
-    near = sum(
-        int(np.logical_and.accumulate(np.abs(side - tau[start]) <= 1.5 * resolution).sum()) for side in (before, after)
-    )
-    return near >= WIDER * length
-
-
-def _find_flicker(tau: FloatArray, extreme: float) -> float:
-    """Return how far from an extreme a torque that is cut off there flickers, by the last digit of its converter.
-
-    The extreme and one value beside it then come again and again, and those around them hardly ever.
-    """
-    values, counts = np.unique(tau[np.abs(tau - extreme) <= _NEAR * np.ptp(tau)], return_counts=True)
-    often = values[counts > max(_OFTEN, _OFTEN * float(np.median(counts)))]
-    return float(abs(often - extreme).max()) if len(often) == 2 and len(values) > 2 and extreme in often else 0.0
 
 
 def find_step(values: FloatArray) -> float:

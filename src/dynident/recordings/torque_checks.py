@@ -14,10 +14,12 @@ from dynident.number_format import format_percent
 from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
 from dynident.recordings.file_source import RawSample
+from dynident.recordings.joint_phases import STANDS as STANDING_TRAVEL
+from dynident.recordings.joint_phases import find_spans
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision
-from dynident.recordings.signal_spectra import mark_plateaus
+from dynident.recordings.signal_spectra import find_step
 from dynident.recordings.units import format_time
 
 SATURATED = 5e-3
@@ -26,13 +28,20 @@ SATURATED = 5e-3
 RUN, SHORTEST = 5, 0.01
 """Rows in a row, and s, at the extreme make a plateau: a smooth peak in whole counts stays there for a few ms."""
 
-FAR_BELOW, RARE = 0.9, 0.01
-"""Share of a drive's limit below which a plateau is not the drive's, and of the rows that it takes to spoil a fit."""
+WIDER = 0.2
+"""Rows that a rounded peak spends one digit below its top, over those at the top: 0.41 of a parabola, half of it where
+friction cuts one side off. A torque that is cut off comes there at its own speed."""
 
 STANDS = 0.1
 """Share of its range that a joint may move behind a brake, which gives a little."""
 
-_SLOWER = "Move more slowly, with less payload, or choose other windows."
+TOGGLES, TOGETHER = 2, 1.5
+"""Digits that a converter at the end of its range changes by; times the rows of plateaus that each has to add."""
+
+_SATURATES = (
+    "the drive, the sensor, or the log, saturates there. These rows are left out of the joint's equation and of its "
+    "errors. To use all rows, move more slowly, or with less payload."
+)
 
 AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
 """Joint evidence (standard errors) of a torque against its motion."""
@@ -54,7 +63,6 @@ def check_torque(
     recording: Recording,
     sample: RawSample,
     layout: Layout,
-    limits: tuple[JointLimits, ...],
     against: ModelChecks | None = None,
 ) -> list[Check]:
     """Check the torques of the rows inside the windows: by themselves, then against the motion.
@@ -69,8 +77,6 @@ def check_torque(
         Raw rows from all over the recording.
     layout : Layout
         The columns of the file, matched with the joints.
-    limits : tuple of JointLimits
-        Limits of the n joints, as far as they are known.
     against : ModelChecks, optional
         What a model of the robot says.
 
@@ -83,7 +89,7 @@ def check_torque(
     # after.
     checks = [
         *_find_impossible_torques(sample, layout),
-        _check_saturation(recording, sample, layout, limits),
+        _check_saturation(recording, sample, layout),
         _check_constant_torque(recording, sample, layout),
     ]
     if checks[-1].status == "warning":
@@ -124,42 +130,55 @@ def _check_order_and_sign(
     return (order, *(_check_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
 
 
-def _check_saturation(
-    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
-) -> Check:
+def find_torque_ranges(
+    sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...], period: float
+) -> tuple[tuple[float, float], ...]:
+    """Find the range of each torque's sensor or drive, if the torque stands there.
+
+    Parameters
+    ----------
+    sample : RawSample
+        Raw rows from all over the recording.
+    layout : Layout
+        The columns of the file, matched with the joints.
+    limits : tuple of JointLimits
+        Limits of the n joints, as far as they are known.
+    period : float
+        Sampling period in s.
+
+    Returns
+    -------
+    n pairs (low, high)
+        Torques at and beyond which nothing was measured, infinite where there is no such end; empty if there is none.
+    """
+    run = max(RUN, round(SHORTEST / period))
+    ranges = [(-np.inf, np.inf)] * layout.n_base
+    for joint in range(layout.n_base, sample.tau.shape[1]):
+        tau, q = sample.tau[sample.used, joint], sample.q[sample.used, joint]
+        low, high = (_find_upper_end(sign * tau, q, limits[joint].effort, run) for sign in (-1.0, 1.0))
+        ranges.append((-low, high))
+    return tuple(ranges) if np.isfinite(ranges).any() else ()
+
+
+def _check_saturation(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
     plateaus: list[tuple[float, Check]] = []
-    run = max(RUN, round(SHORTEST * recording.sampling_rate))
-    for joint in range(layout.n_base, tau.shape[1]):
-        flat = mark_plateaus(tau[:, joint], run)
-        effort = limits[joint].effort
-        if effort is not None and np.ptp(tau[:, joint]) > 0:
-            largest = float(np.abs(tau[:, joint]).max())
-            # What the torque goes beyond is not where it saturates.
-            is_bound = effort > 0 and largest < (1.0 + 2.0 * SATURATED) * effort
-            at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if is_bound else flat
-            # A convolution with ones counts the neighbours at the limit: single rows are no plateau.
-            flat |= at_limit & (np.convolve(at_limit, np.ones(run), "same") >= run)
+    for joint, (low, high) in enumerate(recording.torque_ranges):
+        flat = (tau[:, joint] <= low) | (tau[:, joint] >= high)
         share = float(flat.mean())
-        if flat.sum() >= run:
+        if flat.any():
             first = int(np.flatnonzero(flat)[0])
-            # A drive that could give more does not stop there: the sensor, or the log, has no larger values, and the
-            # torque itself goes on.
-            is_range = effort is not None and abs(tau[first, joint]) < FAR_BELOW * effort and share > RARE
-            beyond = f"the drive gives up to {effort or 0:g} N m, so the sensor, or the log, is at the end of its range"
-            why = f"{beyond if is_range else 'the drive, or the log, saturates there'}. {_SLOWER}"
             brake = _find_brake(joint, flat, sample, layout)
-            why = _describe_brake(brake) if brake else why
+            why = _describe_brake(brake) if brake else _SATURATES
             check = Check(
                 "saturation",
-                "error" if share > 0.2 or is_range else "warning",
+                "error" if share > 0.2 else "warning",
                 f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
                 f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {format_time(t[first])} "
                 f"s): {why}",
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
-                _exclude_plateaus(flat, t),
                 remedies=brake,
             )
             plateaus.append((share, check))
@@ -208,17 +227,49 @@ def _describe_brake(remedies: tuple[Remedy, ...]) -> str:
     )
 
 
-def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
-    """Return a revision that excludes the times around plateaus; None if they are too many to be a cure."""
-    at = t[flat]
-    # Plateaus whose margins touch become one excluded interval.
-    starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
-    first = np.flatnonzero(starts)
-    if len(first) > MOST_INTERVALS:
-        return None
-    last = np.append(first[1:] - 1, len(at) - 1)
-    whole = zip(at[first], at[last], strict=True)
-    return Revision(exclude=tuple((float(start) - AROUND, float(end) + AROUND) for start, end in whole))
+def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: int) -> float:
+    """Return the least torque of the plateaus at a torque's largest value; infinite if it has none there."""
+    reach, top = float(np.ptp(tau)), float(tau.max(initial=-np.inf))
+    if reach == 0.0 or len(tau) < 10 * run:
+        return np.inf
+    end, most = np.inf, 0
+    # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
+    resolution = find_step(tau)
+    # The same value exactly, or to the last digits of a converter, which come again and again.
+    levels, counts = np.unique(tau[tau > top - SATURATED * reach], return_counts=True)
+    for level in (top, *levels[(counts >= run) & (levels < top)][: -TOGGLES - 1 : -1]):
+        rows = 0
+        for start, last in find_spans(tau >= level - 1e-9 * reach):
+            # A joint that stands has a torque of a few digits as well.
+            travels = level == top or np.ptp(q[start : last + 1]) > STANDING_TRAVEL
+            if last - start + 1 >= run and travels and _is_plateau(tau, start, last + 1, level, resolution):
+                rows += last - start + 1
+        # Further digits belong to the end of the range if it is they that keep its plateaus together.
+        if rows > TOGETHER * most:
+            end, most = float(level - 1e-9 * reach), rows
+    # At a limit that is known, as long as no torque is beyond it.
+    if effort is not None and 0.0 < top < (1.0 + SATURATED) * effort:
+        at_limit = (1.0 - SATURATED) * effort
+        if any(last - start + 1 >= run for start, last in find_spans(tau > at_limit)):
+            end = min(end, at_limit)
+    return end
+
+
+def _is_plateau(tau: FloatArray, start: int, end: int, level: float, resolution: float) -> bool:
+    """Tell whether a run at an extreme is no constant torque, nor the rounded top of a smooth peak.
+
+    One digit below such a top, or as many more as the run has, it is as wide again.
+    """
+    length, steps = end - start, np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
+    # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not cut off.
+    if np.count_nonzero(steps) <= 0.2 * max(1, len(steps) - length):
+        return False
+    # As many rows on either side as the run has itself decide it: not the whole torque for every plateau.
+    before, after = tau[max(0, start - length) : start][::-1], tau[end : end + length]
+    deep = tau[start:end].max() - level
+    digit = max(resolution, deep / TOGGLES)
+    near = sum(int(np.logical_and.accumulate(side >= level - deep - 1.5 * digit).sum()) for side in (before, after))
+    return near < WIDER * length
 
 
 def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:

@@ -1,7 +1,5 @@
 """Decide which rows of each joint's equation are fitted, and which interval a joint at rest may hold.
 
-Phases come from recordings/joint_phases.py, widened by the filters.
-
 A joint's phases (moving, reversing, standing) come from the recording; here they are widened by what the filters smear,
 and interpreted for the friction columns of one observation matrix.
 """
@@ -19,13 +17,13 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Column, Signals, get_effect
 from dynident.effects.usual_effect_sizes import get_velocity_scale
 from dynident.recordings import Preprocessing, Recording
+from dynident.recordings.filter_overshoots import find_filtered_phases
 from dynident.recordings.joint_phases import (
     SLOW,
     Phase,
     PhaseArray,
     Phases,
     compute_smear_width,
-    find_filtered_phases,
     find_passive_phases,
 )
 from dynident.regressors.observation_matrix import Observation
@@ -264,10 +262,10 @@ class RowPhases:
         """
         phase = self.phases.phases_at(segment, t, self.width, after)
         # The order matters: each line overrides the ones before it. Without friction a halt does no harm; without
-        # torque nothing else counts.
+        # torque, or with one at its range, nothing else counts.
         phase[:, ~self.frictional] = Phase.MOVING
         phase[self._find_follower_halts(segment, t, self.width, after) & (phase != Phase.STANDING)] = Phase.PASSIVE_HALT
-        phase[:, self.no_torque] = Phase.NO_TORQUE
+        phase[self.no_torque | self.phases.find_clipped(segment, t, self.width, after)] = Phase.NO_TORQUE
         return phase
 
     def find_used_rows(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:

@@ -48,7 +48,7 @@ class ShapeProposals:
     has_temperature : bool
         Whether all recordings have a temperature.
     session : float
-        Time that the clock of all recordings has run, s; 0 where it starts anew in each.
+        Time that the clock of all recordings has run, s; where it starts anew in each, that of the shortest.
     since : tuple of str
         Labels of the later runs, where changes between them and the others are looked for.
     largest : mapping of (str, str) to float
@@ -124,16 +124,16 @@ def _find_largest_sizes(
 
 
 def compute_session_length(recordings: Sequence[Recording]) -> float:
-    """Return the seconds from the first to the last sample; 0 where t starts anew in every recording."""
-    spans = sorted(
-        (segment.start_time, segment.start_time + segment.length * recording.period)
+    """Return the seconds from the first to the last sample; of the shortest recording if their clocks start anew."""
+    spans = [
+        sorted((part.start_time, part.start_time + part.length * recording.period) for part in recording.segments)
         for recording in recordings
-        for segment in recording.segments
-    )
-    # Runs that overlap in time have clocks of their own.
-    if any(after[0] < before[1] - 1e-6 for before, after in pairwise(spans)):
-        return 0.0
-    return spans[-1][1] - spans[0][0]
+    ]
+    together = sorted(span for own in spans for span in own)
+    # Recordings that overlap in time have clocks of their own, and each is a session.
+    if any(after[0] < before[1] - 1e-6 for before, after in pairwise(together)):
+        return min(max(end for _, end in own) - own[0][0] for own in spans)
+    return together[-1][1] - together[0][0]
 
 
 def list_run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, takewhile
 from types import MappingProxyType
@@ -233,7 +233,7 @@ def read_names(
             column = replace(read_name(stated[name], column.unit or "", spellings), stated=True)
         columns.append(replace(column, name=name))
     columns = _tell_apart_by_unit(columns)
-    others = {column.name for column in (*_find_waves(columns), *_find_pose(columns, spellings))}
+    others = {column.name for column in (*find_waves(columns), *_find_pose(columns, spellings))}
     # One time is enough: beside it t1, t2, … are counted as joints are, and may be torques.
     is_timed = any(column.signal == "t" and not column.numbers for column in columns)
     counted = {column.name for column in columns if is_timed and column.numbers and _plain_words(column) == ("t",)}
@@ -324,6 +324,8 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
 
 
 _JOINT = frozenset({"joint", "jnt", "j", "axis", "achse", "a", "link"})
+_EXTERNAL_AXIS = frozenset({"external", "ext", "e", "rail", "track"})
+"""Words for an axis that carries a robot, in the place of or beside those for a joint."""
 
 
 _JOINT_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -417,38 +419,54 @@ def _classify_signal(plain: list[str]) -> Signal | None:
     return kind
 
 
-def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
-    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
+def count_external_axis(named: Sequence[ColumnName], kinds: Sequence[str]) -> list[ColumnName]:
+    """Count the external axis of a controller with the joints of a robot that it carries, as the robot does.
 
     Parameters
     ----------
     named : sequence of ColumnName
         What the names of all columns say.
-    n : int
-        Number of the robot's joints.
-    signals : collection of str
-        Those of which the columns are preferred.
+    kinds : sequence of str
+        What the robot's joints are, revolute or prismatic: the only one that slides is the axis.
 
     Returns
     -------
-    str
-        A sentence with a space before it; "" where there are none.
+    list of ColumnName
+        The columns; those of each signal that counts the other joints, and has one external axis, in the robot's order.
     """
-    counted: dict[tuple[str, ...], list[ColumnName]] = {}
-    for column in named:
-        if len(column.numbers) == 1:
-            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
-    for members in sorted(counted.values(), key=lambda own: (own[0].signal not in signals, own[0].rank)):
-        numbers = sorted(column.numbers[0] for column in members)
-        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
-            return (
-                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
-                "which columns belong to the joints?"
+    columns, joint = list(named), list(kinds).index("prismatic") if "prismatic" in kinds else -1
+    if kinds.count("prismatic") != 1:
+        return columns
+    signals: dict[frozenset[str], list[int]] = {}
+    for index, column in enumerate(named):
+        if len(column.numbers) == 1 or _EXTERNAL_AXIS & set(column.words):
+            core = (
+                frozenset(column.words)
+                - _EXTERNAL_AXIS
+                - _MEASURED
+                - _JOINT
+                - {"joints", "axes"}
+                - set(map(str, column.numbers))
             )
-    return ""
+            signals.setdefault(core, []).append(index)
+    for members in signals.values():
+        axes = [index for index in members if _EXTERNAL_AXIS & set(named[index].words)]
+        others = sorted((index for index in members if index not in axes), key=lambda index: named[index].numbers)
+        numbers = [named[index].numbers[0] for index in others]
+        counts = [list(range(first, first + len(kinds) - 1)) for first in (0, 1)]
+        if len(axes) != 1 or numbers not in counts:
+            continue
+        peer = named[others[0]]
+        place = peer.words.index(str(peer.numbers[0]))
+        for number, index in enumerate([*others[:joint], axes[0], *others[joint:]]):
+            words = (*peer.words[:place], str(number), *peer.words[place + 1 :])
+            columns[index] = replace(
+                peer, name=named[index].name, unit=named[index].unit, words=words, numbers=(number,)
+            )
+    return columns
 
 
-def _find_waves(named: Sequence[ColumnName]) -> list[ColumnName]:
+def find_waves(named: Sequence[ColumnName]) -> list[ColumnName]:
     """Find the columns that have a partner of the same name but for sine and cosine: a sine alone names a motion."""
     present = {column.words for column in named}
     partners = [(column, tuple(_WAVES.get(word, word) for word in column.words)) for column in named]
@@ -473,25 +491,3 @@ def _find_pose(named: Sequence[ColumnName], spellings: Sequence[tuple[str, ...]]
 
 def _plain_words(column: ColumnName) -> tuple[str, ...]:
     return tuple(word for word in column.words if not word.isdigit())
-
-
-def describe_waves(named: Sequence[ColumnName]) -> str:
-    """Describe columns that are sines and cosines of angles, as benchmarks of learning have them.
-
-    Parameters
-    ----------
-    named : sequence of ColumnName
-        What the names of all columns say.
-
-    Returns
-    -------
-    str
-        A sentence with a space before it; "" where there are none.
-    """
-    waves = [column.name for column in _find_waves(named)]
-    if not waves:
-        return ""
-    return (
-        f" {', '.join(waves[:4])}, … are sines and cosines: write the angles, "
-        "numpy.unwrap(numpy.arctan2(sin, cos), axis=0)."
-    )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.identification.column_inference.column_names import ColumnName
-from dynident.identification.column_inference.metadata_proposal import Question, UnitGuess
+from dynident.identification.column_inference.metadata_proposal import UnitGuess
 from dynident.recordings.time_columns import find_unfilled
 from dynident.recordings.units import FACTORS
 
@@ -441,54 +440,3 @@ def find_converter_zero(values: FloatArray) -> float | None:
     zero = float(np.median(middle))
     is_zero = values.shape[1] >= _FEWEST_JOINTS and (middle > spread).all() and (spread > 0.0).all()
     return zero if is_zero and np.median(np.abs(middle - zero)) < _ZERO_ALIKE * zero else None
-
-
-_AXES_BELOW = frozenset({"rail", "track", "carriage", "gantry", "slide", "external"})
-"""Words in the names of axes that carry a robot."""
-_MOVES = 2e-3
-"""Share of the largest range of the robot's joints, in whatever units, from which on such an axis moves."""
-
-
-def ask_about_further_axes(
-    named: Sequence[ColumnName], columns: Mapping[str, str], values: FloatArray
-) -> list[Question]:
-    """Ask about positions of no joint of the robot that move, called as those but for a letter, as E1 beside A1, A2.
-
-    Parameters
-    ----------
-    named : sequence of ColumnName
-        What the names of all columns say.
-    columns : mapping of str to str
-        Our names of columns to the file's.
-    values : (m, columns)
-        The numbers of all columns.
-    """
-    used = {columns[key] for key in columns if key[0] == "q" and key[1:].isdigit()}
-    letters = {column.words[:-2]: column.words[-2] for column in named if column.name in used and column.words[1:]}
-    # A column for torques that nobody recorded may stand behind those of the file.
-    ranges = [float(np.ptp(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0 for own in values.T[: len(named)]]
-    if len(ranges) < len(named):
-        return []
-    most = max((size for size, column in zip(ranges, named, strict=True) if column.name in used), default=np.inf)
-
-    def is_axis(column: ColumnName) -> bool:
-        stem, letter = column.words[:-2], "".join(column.words[-2:-1])
-        is_alike = len(letter) == 1 and column.words[-1].isdigit() and letters.get(stem, letter) != letter
-        return is_alike or (column.signal == "q" and bool(_AXES_BELOW & set(column.words)))
-
-    moving = [
-        column.name
-        for size, column in zip(ranges, named, strict=True)
-        if size > _MOVES * most and column.name not in columns.values() and not column.commanded and is_axis(column)
-    ]
-    # As many as joints are another signal of these.
-    if not 0 < len(moving) < len(used):
-        return []
-    detail = (
-        f"{', '.join(moving)} {'move' if len(moving) > 1 else 'moves'}, and no joint of the robot is called so. An "
-        "axis that carries the base accelerates all of the robot, which looks like missing effects: add it to the "
-        "description as a joint below the base, prismatic along a rail, without a torque if none was recorded. Or use "
-        "a recording, or seconds of it (windows), in which it stands. If it carries nothing, name the columns of the "
-        "joints yourself (columns)."
-    )
-    return [Question("robot", detail)]

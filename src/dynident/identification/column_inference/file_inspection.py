@@ -36,8 +36,9 @@ ROW_CHECKS = (
     "missing_values",
     "saturation",
     "position_jump",
+    "joint_columns",
 )
-"""Checks of rows, time and steps whose warnings are told of a file that can be used."""
+"""Checks of rows, time, steps and further joints whose warnings are told of a file that can be used."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +18,10 @@ from dynident.identification.column_inference.column_groups import (
     group_columns,
     group_few_joints,
 )
-from dynident.identification.column_inference.column_names import ColumnName, describe_further_joints, describe_waves
 from dynident.identification.column_inference.column_statistics import (
     SLOPE,
     Clock,
     Sample,
-    ask_about_further_axes,
     correlate_slopes,
     drop_empty_rows,
     fill_gaps,
@@ -35,7 +32,13 @@ from dynident.identification.column_inference.column_statistics import (
     mask_outliers,
     restore_masked,
 )
-from dynident.identification.column_inference.metadata_proposal import Proposal, Question
+from dynident.identification.column_inference.metadata_proposal import (
+    Proposal,
+    Question,
+    describe_further_joints,
+    describe_waves,
+    find_columns_of_other_joints,
+)
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
     TOGETHER,
@@ -190,15 +193,17 @@ class _ColumnInference(WorkingProposal):
             add_base_columns(self, self.moving_base)
         drop_dependent_questions(self)
         self._ask_about_guessed_time()
-        self.questions += ask_about_further_axes(self.column_names, self.columns, self.values)
-        if strangers := _find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
+        if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _measure_unexplained(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
-        """Return the unexplained share of the torque if these columns are it, with positions in rad or in degrees."""
+        """Return the unexplained share of the torque if these columns are it, in rad or degrees, and m or mm."""
         q, tau = self.values[:, list(positions)], self.values[:, list(efforts)]
-        shares = [self.fits.measure_unexplained(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
+        slides = np.array([joint.kind == "prismatic" for joint in self.robot.joints])
+        lengths = (1.0, 1e-3) if slides.any() else (1.0,)
+        factors = [np.where(slides, length, angle) for angle in (1.0, np.pi / 180.0) for length in lengths]
+        shares = [self.fits.measure_unexplained(q * factor, tau) for factor in factors]
         return min((share for share in shares if share is not None), default=1.0)
 
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
@@ -475,18 +480,6 @@ class _ColumnInference(WorkingProposal):
                 if question.field not in replaced or (question.field == "effort_kind" and not question.choices)
             ]
         self.questions += questions
-
-
-def _find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
-    """Return the columns of joints that a robot of n joints lacks, where all of its own have theirs in `columns`."""
-    if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
-        return []
-    used = set(columns.values())
-    # The time is that of no joint; velocities that are not used have told why.
-    signals = {column.signal for column in named if column.name in used} & {"q", "dq", "tau", "current", "effort"}
-    known = {word for column in named if column.name in used for word in column.words}
-    strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
-    return [column.name for column in strange if not set(column.words) <= known]
 
 
 def _read_kind(effort: ColumnGroup) -> EffortKind:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from dynident.errors import Remedy
+from dynident.identification.column_inference.column_names import ColumnName, find_waves
 from dynident.recordings.recording_metadata import Check, EffortKind
 
 
@@ -136,3 +137,68 @@ def ask_to_lock(why: str, places: Mapping[str, float]) -> Question:
     """
     remedy = Remedy("locked_joints", places)
     return Question("robot", f"{why}: lock {'them' if len(places) > 1 else 'it'}, {remedy}.", remedies=(remedy,))
+
+
+def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    n : int
+        Number of the robot's joints.
+    signals : collection of str
+        Those of which the columns are preferred.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
+    counted: dict[tuple[str, ...], list[ColumnName]] = {}
+    for column in named:
+        if len(column.numbers) == 1:
+            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
+    for members in sorted(counted.values(), key=lambda own: (own[0].signal not in signals, own[0].rank)):
+        numbers = sorted(column.numbers[0] for column in members)
+        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
+            return (
+                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
+                "which columns belong to the joints?"
+            )
+    return ""
+
+
+def describe_waves(named: Sequence[ColumnName]) -> str:
+    """Describe columns that are sines and cosines of angles, as benchmarks of learning have them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
+    waves = [column.name for column in find_waves(named)]
+    if not waves:
+        return ""
+    return (
+        f" {', '.join(waves[:4])}, … are sines and cosines: write the angles, "
+        "numpy.unwrap(numpy.arctan2(sin, cos), axis=0)."
+    )
+
+
+def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
+    """Return the columns of joints that a robot of n joints lacks, where all of its own have theirs in `columns`."""
+    if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
+        return []
+    used = set(columns.values())
+    # The time is that of no joint; velocities that are not used have told why.
+    signals = {column.signal for column in named if column.name in used} & {"q", "dq", "tau", "current", "effort"}
+    known = {word for column in named if column.name in used for word in column.words}
+    strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
+    return [column.name for column in strange if not set(column.words) <= known]

@@ -12,7 +12,7 @@ from dynident.errors import Remedy
 from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
-from dynident.identification.column_inference.column_names import ColumnName, read_names
+from dynident.identification.column_inference.column_names import ColumnName, count_external_axis, read_names
 from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
 from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
@@ -70,7 +70,9 @@ class WorkingProposal:
     def column_names(self) -> list[ColumnName]:
         """Columns' names, taken apart into signal, joint and unit."""
         links = [joint.link for joint in self.robot.joints if joint.link]
-        return read_names(self.sample.names, self.sample.units, [*self.robot.joint_names, *links], self.sample.stated)
+        spoken = [*self.robot.joint_names, *links]
+        named = read_names(self.sample.names, self.sample.units, spoken, self.sample.stated)
+        return count_external_axis(named, [joint.kind for joint in self.robot.joints])
 
     def add_guess(
         self, name: str, value: str, confidence: float, reason: str, remedies: tuple[Remedy, ...] = ()

@@ -131,16 +131,19 @@ def _warn_of_missing_torque(identification: Identification) -> list[str]:
 
 
 def _warn_of_disturbance(identification: Identification) -> list[str]:
-    """Warn of seconds in which something else than the robot acted.
-
-    They shift all parameters, and show in no error by themselves.
-    """
+    """Warn of seconds in which something else than the robot acted, or of a drift: no error shows that they act."""
+    outlying = find_outlying_spans(identification.data.training)
+    if outlying.drifts:
+        return [
+            "What the model leaves of the torque changes slowly over the time of the data, as friction of a robot does "
+            "that warms up. A diagnosis names the effect; or record a warm robot, or its temperatures as well."
+        ]
     return [
         f"From {span.start:.1f} to {span.end:.1f} s of the data something else acted: there the residual is "
         f"{np.sqrt(span.ratio):.0f} times that of all other rows in a fit without these seconds. Possible causes are "
         "a contact, a load that was picked up, a brake, a collision, or a clock jump. A diagnosis shows the cause and "
         "the exact time. Leave these seconds out."
-        for span in find_outlying_spans(identification.data.training).spans
+        for span in outlying.spans
     ]
 
 
