@@ -573,3 +573,41 @@ def test_friction_that_depends_on_the_angle_is_no_delay_of_a_sweep() -> None:
     checks = {check.name: check for check in build_dynamics_checks(ROBOT)(record(ROBOT, motion, tau), Q, TAU) or ()}
     assert checks["torque_delay"].status == "ok"
     assert "usual" in checks["torque_delay"].detail
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("name", ["franka_panda", "mirrored"])
+def test_an_arm_that_its_driver_mirrors_is_told_with_all_turned_joints(name: str, seed: int) -> None:
+    robot = arm(name) if name != "mirrored" else robot_from_urdf("plain", plain_urdf(6, seed))
+    motion = fourier_motion(robot, 30.0, 100.0, seed)
+    effort = np.array([joint.limits.effort for joint in robot.joints])
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    effort = np.maximum(np.abs(tau).max(axis=0), 0.02 * np.abs(tau).max())
+    tau = tau + 0.1 * effort * np.sign(motion.dq) + 0.05 * effort * motion.dq
+    tau += 0.002 * effort * np.random.default_rng(seed).normal(size=tau.shape)
+    turned = [0, 2, 4, 6] if name == "franka_panda" else [0, 3, 5]
+    signs = np.where(np.isin(np.arange(robot.n), turned), -1.0, 1.0)
+    for sign, expected in ((signs, [tuple(turned)]), (np.ones(robot.n), [])):
+        mirrored = replace(motion, q=sign * motion.q, dq=sign * motion.dq, ddq=sign * motion.ddq)
+        found = find_recording_faults(robot, record(robot, mirrored, sign * tau, "arm"))
+        faults = [] if found is None else [one.fault for one in found[0]]
+        assert [fault.joints for fault in faults] == expected
+        assert {fault.kind for fault in faults} <= {"joint turned"}
+
+
+def plain_urdf(n: int, seed: int) -> str:
+    """An arm whose axes at zero are along those of the base, with links that are beside them."""
+    rng = np.random.default_rng(seed)
+    parts = ['<robot name="plain"><link name="l-1"/>']
+    for k, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")[:n]):
+        mass = 8.0 / (k + 1)
+        place = ("0 0.02 0.2", "0.05 0.12 0.2", "0 0 0.5", "0.05 -0.07 0.08", "0.4 0 0", "0.1 0 0")[k]
+        centre, size = rng.uniform(-0.03, 0.03, 3) + ((0.0, 0.0, 0.1) if k < 3 else (0.1, 0.0, 0.0)), 0.02 * mass
+        parts.append(
+            f'<link name="l{k}"><inertial><origin xyz="{centre[0]} {centre[1]} {centre[2]}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{size}" ixy="{0.1 * size}" ixz="{-0.08 * size}" iyy="{0.9 * size}" iyz="{0.05 * size}" '
+            f'izz="{0.6 * size}"/></inertial></link><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
+            '<limit lower="-2" upper="2" velocity="2.5" effort="100"/></joint>'
+        )
+    return "".join(parts) + "</robot>"

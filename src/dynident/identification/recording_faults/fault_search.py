@@ -29,6 +29,7 @@ from dynident.identification.recording_faults.joint_angle_faults import (
     estimate_zeros,
     find_parallel_axes,
     list_angle_faults,
+    list_mirrors,
     refine_zero_by_masses,
 )
 from dynident.identification.recording_faults.rows_for_fault_search import (
@@ -255,6 +256,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         ),
         *list_possible_faults(now.moving, find_parallel_axes(robot), has_torque, find_revolute_joints(robot)),
         *list_angle_faults(robot, motion, judge, now),
+        *list_mirrors(robot, now.moving),
     ]
     off = find_drives_off(sizes.frictions)
     possible = [
@@ -296,7 +298,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
         lowest, near = trials.find_alike((best, unexplained), possible_zeros)
         best, unexplained = _choose_among_alike(lowest, near, described)
         alike = [fault for fault, _ in near if fault != best and not _is_same_angle(fault, best)]
-        is_turned = best.kind == "joint turned"
+        is_turned = best.kind == "joint turned" and len(best.joints) < 3
         pair = _find_turned_pair(best, unexplained, judge, motion, described) if is_turned else None
         if pair is not None and not described.refutes(pair[0]):
             return _FaultStep(pair[0], (), pair[1], described.bears_out(*pair))

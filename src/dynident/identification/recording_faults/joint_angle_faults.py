@@ -65,6 +65,27 @@ def find_parallel_axes(robot: Robot) -> BoolArray:
     return parallel
 
 
+def list_mirrors(robot: Robot, moving: BoolArray) -> list[ColumnFault]:
+    """List the faults of drivers that make a robot move like its mirror image, as of the other arm.
+
+    Positions and torques of the joints whose axes lie in the plane of the mirror are turned, for each upright plane
+    through the axes of the base; of sliding joints those across it. A level mirror would be another direction of
+    gravity. None where an axis is askew, or joints follow others.
+    """
+    if robot.linkage is not None:
+        return []
+    rotations: list[FloatArray] = []
+    for joint in robot.joints:
+        placement = np.asarray(joint.placement)[:3, :3]
+        rotations.append(placement if joint.parent < 0 else rotations[joint.parent] @ placement)
+    axes = np.array([turn @ np.asarray(joint.axis) for turn, joint in zip(rotations, robot.joints, strict=True)])
+    slides = np.array([joint.kind == "prismatic" for joint in robot.joints])
+    across = np.abs(axes) > _PARALLEL
+    is_plain, upright = across.any(axis=1).all(), np.abs(robot.gravity) < 1e-3 * np.linalg.norm(robot.gravity)
+    mirrors = [np.flatnonzero((across[:, k] == slides) & moving) for k in np.flatnonzero(upright & is_plain)]
+    return [ColumnFault("joint turned", tuple(own.tolist())) for own in mirrors if 2 < len(own) < robot.n]
+
+
 def begins_at_zero(recording: Recording, motion: Motion) -> bool:
     """Return whether every joint of several is at 0 in the first row, as where positions are counted from the start."""
     first = next(iter(recording.source.rows(0, 1, 1)))
