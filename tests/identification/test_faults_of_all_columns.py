@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 
+from dynident.errors import Remedy
 from dynident.identification import identify
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
@@ -18,6 +19,7 @@ from dynident.identification.recording_faults import (
     check_recording_faults,
     find_recording_faults,
 )
+from dynident.identification.recording_faults.fault_checks import _describe_cure
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.joint_angle_faults import find_parallel_axes, report_zeros_from_start
 from dynident.identification.recording_faults.rows_for_fault_search import (
@@ -593,6 +595,10 @@ def test_an_arm_that_its_driver_mirrors_is_told_with_all_turned_joints(name: str
         faults = [] if found is None else [one.fault for one in found[0]]
         assert [fault.joints for fault in faults] == expected
         assert {fault.kind for fault in faults} <= {"joint turned"}
+        for fault in faults:
+            names = [[f"{kind}{k + 1}" for k in range(robot.n)] for kind in ("q", "tau")]
+            _, (remedy,) = _describe_cure(fault, *names)
+            assert remedy == Remedy("signs", {f"{kind}{j + 1}": -1 for kind in ("q", "tau") for j in turned})
 
 
 def plain_urdf(n: int, seed: int) -> str:

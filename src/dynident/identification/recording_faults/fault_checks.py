@@ -445,12 +445,12 @@ def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> 
     if fault.kind == "joint zero":
         return describe_zeros_cure(fault)
     if not fault.is_swap:
-        side = "tau" if fault.kind == "torque turned" else "q"
-        remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for joint in fault.joints})
+        sides = [side for side, is_wrong in (("q", fault.is_of_positions), ("tau", fault.is_of_torques)) if is_wrong]
+        remedy = Remedy("signs", {f"{side}{joint + 1}": -1 for side in sides for joint in fault.joints})
         alternative = (
             "the joint's axis in the description" if fault.kind != "torque turned" else "the sign of its drive gain"
         )
-        plural = "" if len(fault.joints) == 1 else "s"
+        plural = "" if len(fault.joints) * len(sides) == 1 else "s"
         return f"Change the sign of the column{plural} ({remedy}), or {alternative}.", (remedy,)
     pairs = []
     for joint, source in fault.places:
