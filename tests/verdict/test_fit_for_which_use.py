@@ -18,7 +18,7 @@ from dynident.errors import Remedy, write_argument
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.number_format import format_percent
 from dynident.recordings import Check, Recording, Revision, recording_from_arrays
-from dynident.recordings.sample_hashes import SampleHashes
+from dynident.recordings.raw_signals import SampleHashes
 from dynident.validation import ValidationOutcome
 from dynident.validation.contact_detection import CollisionValidation, ContactDetection
 from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stopped, verdict

@@ -45,7 +45,7 @@ from dynident.motion.limits.bounds import slow_down_limits
 from dynident.number_format import format_count, format_percent
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
-from dynident.recordings.sample_hashes import SampleHashes
+from dynident.recordings.raw_signals import SampleHashes
 from dynident.robot import Robot
 
 DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]

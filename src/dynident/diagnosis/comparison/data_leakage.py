@@ -20,7 +20,7 @@ from dynident.diagnosis.comparison.repeated_motion import (
 )
 from dynident.number_format import format_percent
 from dynident.recordings import Recording
-from dynident.recordings.sample_hashes import SHARED, SampleHashes
+from dynident.recordings.raw_signals import SHARED, SampleHashes
 from dynident.recordings.signal_spectra import find_used_runs
 
 COPIED = 0.996

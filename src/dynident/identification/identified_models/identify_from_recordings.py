@@ -46,7 +46,7 @@ from dynident.parallel import defer, single_threaded
 from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.recordings.preprocessing import OVERSAMPLING
-from dynident.recordings.sample_hashes import SampleHashes, find_copied_recordings
+from dynident.recordings.raw_signals import SampleHashes, find_copied_recordings
 from dynident.recordings.signal_spectra import estimate_spectra
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, get_model
