@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree
 
@@ -50,9 +51,9 @@ def model_of(*effects: EffectChoice | str, estimator: str = "wls") -> Identifica
 
 
 @cache
-def model_with_offsets() -> Identification:
+def model_with_offsets(of_quill: float = 9.0) -> Identification:
     """A model of a robot whose torque sensors have constant errors that are large beside its gravity."""
-    offset = np.array([8.0, -6.0, 9.0, 2.0])
+    offset = np.array([8.0, -6.0, of_quill, 2.0])
     motions = (fourier_motion(ROBOT, 15.0, 200.0, 1), held_out_motion())
     fit, held_out = (record(ROBOT, motion, measured_torque(motion, k) + offset) for k, motion in enumerate(motions))
     chosen = tuple(EffectChoice(effect) for effect in (*PLAIN, "offset"))
@@ -102,6 +103,21 @@ def test_a_constant_torque_that_a_file_cannot_hold_is_no_mass(nearest: bool) -> 
     expected = mass_matrices(ROBOT, q, np.full(ROBOT.n, 0.05))
     found = mass_matrices(robot_from_urdf("read", text), q, np.array(rotors))
     assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("write", [to_urdf, to_mjcf])
+def test_links_that_can_exist_are_free_beside_an_effect_that_the_file_lacks(
+    write: Callable[[Identification], ExportedFile],
+) -> None:
+    """What the file loses by the effect is not the price of links that can exist."""
+    model = model_with_offsets(of_quill=0.0)
+    names = [column.name for column in model.model.kept]
+    # A rotor that is below zero by so little that nobody would notice.
+    values = np.where(np.array(names) == "Ia4", -1e-4, model.values)
+    solution = replace(model.estimate.solution, values=values)
+    changed = model.with_changes(estimate=model.estimate.with_changes(solution=solution))
+    file = write(changed)
+    assert "nearest to the identified ones that can exist" in file.content.decode()
 
 
 def mass_matrices(robot: Robot, q: FloatArray, rotors: FloatArray) -> FloatArray:

@@ -318,7 +318,7 @@ def complete_parameters(
         equations = _build_equations(unknowns, values)
         completed = _solve_completion(unknowns, equations, values, margins)
         if completed is not None and not blamed:
-            return _collect_by_joint(identification.model, unknowns, completed, values)
+            return replace(_collect_by_joint(unknowns.model, unknowns, completed, values), exact=lacking is None)
     if completed is None:
         blamed += _describe_impossible(unknowns, equations)
     if not nearest:

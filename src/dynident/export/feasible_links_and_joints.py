@@ -85,7 +85,25 @@ def project_model(identification: Identification, held: Collection[Role]) -> Ide
     return reidentify(identification, replace(choices, effects=held_effects, strategy="global", estimator=estimator))
 
 
-def fit_beside_links(identification: Identification, projected: Identification, links: Completion) -> Identification:
+def get_link_parameters(identification: Identification, projected: Identification) -> FloatArray:
+    """Return the base parameters (b,) of a projected model, those of links and rotors as they were identified.
+
+    Those that the identified model does not have by this name are as they were fitted.
+    """
+    places = {column.name: k for k, column in enumerate(identification.model.kept)}
+    return np.array(
+        [
+            0.0
+            if not get_effect(column.effect).is_inertia
+            else identification.values[places[column.name]]
+            if column.name in places
+            else value
+            for column, value in zip(projected.model.kept, projected.values, strict=True)
+        ]
+    )
+
+
+def fit_beside_links(identification: Identification, projected: Identification, links: FloatArray) -> Identification:
     """Return a projected model with given links and rotors, and everything else fitted to the data again.
 
     A constant torque or a spring that the format lacks is no mass. A fit of the links without it predicts motions like
@@ -98,8 +116,8 @@ def fit_beside_links(identification: Identification, projected: Identification, 
         The identified model, which says how sure the parameters are.
     projected : Identification
         The model with only the effects that the format can hold.
-    links : Completion
-        The links and rotors.
+    links : (b,)
+        What the links and rotors give of its base parameters; what stands there for others is fitted again.
 
     Returns
     -------
@@ -107,8 +125,8 @@ def fit_beside_links(identification: Identification, projected: Identification, 
         The projected model with other values. Friction is not negative.
     """
     model, training = projected.model, projected.data.training
-    values = compute_base_parameters(model, links)
     free = np.array([not get_effect(column.effect).is_inertia for column in model.kept])
+    values = links.copy()
     if free.any():
         # Imported here: few who import this module write files.
         from scipy.optimize import lsq_linear
@@ -271,24 +289,27 @@ class FeasibleLinks:
         `nearest` is set.
         """
         check_base(identification)
-        fitted = projected = project_model(identification, held)
+        projected = project_model(identification, held)
+        whole, impossible = projected is identification, None
         complete = partial(
             complete_parameters,
             identification,
             rotors_in_links=rotors_in_links,
-            file_model=None if fitted is identification else fitted.model,
+            file_model=None if whole else projected.model,
         )
-        impossible = None
         try:
             standard = complete()
         except DynidentError as error:
             impossible = error
             standard = complete(nearest=True)
-        if fitted is not identification:
-            projected = fit_beside_links(identification, fitted, standard)
-            standard = replace_friction(standard, fitted.model, projected.values)
+        asked = identification
+        if not whole:
+            asked = fit_beside_links(identification, projected, get_link_parameters(identification, projected))
+            links = compute_base_parameters(projected.model, standard)
+            projected = fit_beside_links(identification, projected, links)
+            standard = replace_friction(standard, projected.model, projected.values)
         # Bodies that predict held-out data as well are no loss: the user need not ask for them.
-        if impossible is not None and not nearest and not predicts_as_well(fitted, standard.values):
+        if impossible is not None and not nearest and not predicts_as_well(asked, standard.values):
             raise impossible
         return cls(identification, projected, standard, held)
 

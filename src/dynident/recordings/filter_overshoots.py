@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from math import ceil
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.joint_phases import FASTER, SLOW, Phases, compute_smear_width, find_phases
 from dynident.recordings.pose_recordings import has_poses
 from dynident.recordings.position_filter import filtered_blocks
@@ -25,8 +26,8 @@ def find_filtered_phases(recording: Recording, preprocessing: Preprocessing) -> 
     """Return the phases of a recording with the reversals that the filter of its positions makes, computed once.
 
     The filter overshoots where a joint brakes from full speed to a creep: for some rows the filtered joint moves the
-    other way, and friction has the wrong sign. Where the filtered speed changes its sign and no halt is near, the joint
-    counts as reversing, from the first change to the last.
+    other way, and friction has the wrong sign. Where the filtered speed changes its sign so, and no halt is near, the
+    joint counts as reversing, from the first change to the last.
 
     Parameters
     ----------
@@ -48,24 +49,40 @@ def find_filtered_phases(recording: Recording, preprocessing: Preprocessing) -> 
 
 
 def _find_overshoots(recording: Recording, preprocessing: Preprocessing, width: float) -> list[list[FloatArray]]:
-    """Return the times, by segment and joint, at which the filtered speed changes its sign by an overshoot.
-
-    Speeds within two widths (s) of it are of one sign but for what a filter overshoots by. Noise, coarse encoders and
-    ripples make speeds of both signs.
-    """
+    """Return the times, by segment and joint, at which the filtered speed changes its sign by an overshoot."""
     times: list[list[list[FloatArray]]] = [[[] for _ in range(recording.n)] for _ in recording.segments]
-    before = np.zeros(0), np.zeros((0, recording.n))
-    for block in filtered_blocks(recording, preprocessing):
-        if block.starts_segment:
-            before = before[0][:0], before[1][:0]
-        t, speed = (np.concatenate(pair) for pair in zip(before, (block.t, block.dq), strict=True))
-        reach = ceil(2.0 * width / (recording.period * (preprocessing.decimation or 1)))
-        for j, own in enumerate(speed.T):
-            for k in np.flatnonzero(own[1:] * own[:-1] < 0.0):
-                # Those with too few rows behind them come again with the next block.
-                near = own[max(0, k - reach) : k + reach + 2]
-                low, high = sorted((-float(near.min()), float(near.max())))
-                if low <= _GIBBS * high and high > FASTER * SLOW:
-                    times[block.segment][j].append(t[k : k + 1])
-        before = t[-2 * reach - 2 :], speed[-2 * reach - 2 :]
-    return [[np.unique(np.concatenate([np.zeros(0), *of_joint])) for of_joint in segment] for segment in times]
+    reach = ceil(2.0 * width / recording.period)
+    t, speed = np.zeros(0), np.zeros((0, recording.n))
+    segment = judged = 0
+    for block in chain(filtered_blocks(recording, preprocessing), (None,)):
+        is_end = block is None or block.starts_segment
+        # Rows near the end of a block are judged with the next one, which has those behind them.
+        last = len(t) if is_end else max(judged, len(t) - reach)
+        for j, found in enumerate(_mark_overshoots(speed, reach)[judged:last].T):
+            times[segment][j].append(t[judged:last][found])
+        if block is None:
+            break
+        first = len(t) if is_end else max(0, last - reach - 1)
+        judged, segment = last - first, block.segment
+        t, speed = np.concatenate([t[first:], block.t]), np.concatenate([speed[first:], block.dq])
+    return [[np.concatenate([np.zeros(0), *of_joint]) for of_joint in by_joint] for by_joint in times]
+
+
+def _mark_overshoots(speed: FloatArray, reach: int) -> BoolArray:
+    """Mark the rows (m, n) behind which a speed changes its sign by what a filter overshoots.
+
+    Speeds up to `reach` rows away are then of one sign but for that. Noise, coarse encoders and ripples make speeds of
+    both signs.
+    """
+    # Imported here, as it takes long and few need it.
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    marks = np.zeros(speed.shape, dtype=bool)
+    if len(speed) < 2:
+        return marks
+    low = -minimum_filter1d(speed, 2 * reach + 1, axis=0, mode="nearest")
+    high = maximum_filter1d(speed, 2 * reach + 1, axis=0, mode="nearest")
+    is_one_sided = np.minimum(low, high) <= _GIBBS * np.maximum(low, high)
+    is_fast = np.maximum(low, high) > FASTER * SLOW
+    marks[:-1] = (speed[1:] * speed[:-1] < 0.0) & (is_one_sided & is_fast)[:-1]
+    return marks

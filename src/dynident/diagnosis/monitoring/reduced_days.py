@@ -34,7 +34,8 @@ from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.text_encoding import escape_surrogates
 
-_FORMAT = "dynident days 1"
+_FORMAT, _FORMER = "dynident days 2", "dynident days 1"
+"""Format that is written, and one that is read as well: its factors are square."""
 
 
 def days_to_bytes(measure: Measure, days: Sequence[Day]) -> bytes:
@@ -141,7 +142,7 @@ def _read_header(content: bytes) -> dict[str, Any]:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             header = json.loads(file["header"].tobytes())
-        known = header["format"] == _FORMAT and "measure" in header
+        known = header["format"] in (_FORMAT, _FORMER) and "measure" in header
     # Whatever file somebody gives, the answer is a sentence.
     except (ValueError, KeyError, OSError, TypeError, zipfile.BadZipFile) as error:
         raise DynidentError("this is not a file of days", title="Unusable file") from error
