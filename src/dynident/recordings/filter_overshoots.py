@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import chain
 from math import ceil
 from weakref import WeakKeyDictionary
@@ -42,9 +43,10 @@ def find_filtered_phases(recording: Recording, preprocessing: Preprocessing) -> 
     filters = preprocessing.position_cutoff, preprocessing.filter_order, width
     of_filters = _known.setdefault(recording, {})
     if filters not in of_filters:
-        segments = zip(find_phases(recording).halts, _find_overshoots(recording, preprocessing, width), strict=True)
+        recorded = find_phases(recording)
+        segments = zip(recorded.halts, _find_overshoots(recording, preprocessing, width), strict=True)
         joined = (tuple(own.with_reversals(t, width) for own, t in zip(*both, strict=True)) for both in segments)
-        of_filters[filters] = Phases(tuple(joined))
+        of_filters[filters] = replace(recorded, halts=tuple(joined))
     return of_filters[filters]
 
 
