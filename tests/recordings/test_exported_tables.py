@@ -786,3 +786,87 @@ def test_checks_name_seconds_also_of_times_since_1970(tmp_path):
     sentences = [check.detail for check in item.checks if check.status != "ok"]
     assert any("t = 1700000007.500 s" in sentence for sentence in sentences)
     assert not [sentence for sentence in sentences if re.search(r"1\.7e\+09|1\.70000e", sentence)]
+
+
+def open_names(folder: Path, rows: list[str], head: str = "") -> tuple[str, ...]:
+    """Return the names of the columns of a text with these rows."""
+    return tuple(
+        open_source(written(folder / "rows.csv", "\n".join([*([head] if head else []), *rows, ""])), None).names
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "words", "names"),
+    [
+        ("time;state;q", ("move", "hold"), ("time", "state", "q1", "q2", "q3")),
+        ("time;key;value", ("q", "tau"), ("time", *counted("value_q_{}", 3, 1), *counted("value_tau_{}", 3, 1))),
+    ],
+)
+def test_words_beside_lists_are_keys_where_the_names_say_so(tmp_path, head, words, names):
+    rows = [f"{0.01 * i:.2f};{words[i // 5 % 2]};[0.1, 0.{i % 7}, {i}]" for i in range(60)]
+    assert open_names(tmp_path, rows, head) == names
+
+
+def test_words_beside_lists_are_keys_where_each_time_has_several(tmp_path):
+    rows = [f"{0.01 * i:.2f};{word};[0.1, {i}]" for i in range(60) for word in ("q", "tau")]
+    names = ("t", "data_q_1", "data_q_2", "data_tau_1", "data_tau_2")
+    assert open_names(tmp_path, rows, "t;what;data") == names
+
+
+@pytest.mark.parametrize(
+    ("titles", "lengths", "is_stacked"),
+    [
+        (("Run A", "Run B"), (40, 40), False),
+        (("Log started 2024-01-01 10:00", "Log started 2024-01-01 10:05"), (40, 40), False),
+        (("slow", "fast"), (40, 50), False),
+        (("Run 1 of joint 2", "Run 2 of joint 2"), (40, 40), False),
+        (("angle", "torque"), (40, 40), True),
+        (("Joint 1", "Joint 2"), (40, 40), True),
+    ],
+)
+def test_blocks_below_titles_are_signals_only_at_the_same_times(tmp_path, titles, lengths, is_stacked):
+    rows: list[str] = []
+    for title, length in zip(titles, lengths, strict=True):
+        rows += [title, "time,q1,tau1", *(f"{0.01 * i:.2f},{i % 7},{i % 5}" for i in range(length))]
+    names = tuple(f"value_{title} {name}" for title in titles for name in ("q1", "tau1"))
+    assert open_names(tmp_path, rows) == ("time", *(names if is_stacked else ("q1", "tau1")))
+    if not is_stacked:
+        assert len(read_columns(tmp_path / "rows.csv")["time"]) == sum(lengths)
+
+
+@pytest.mark.parametrize("names", ["_value,_field,joint", "_time,_value,joint", "_time,_value", "joint,_value"])
+def test_an_answer_of_a_query_without_times_or_fields_says_what_to_keep(tmp_path, names):
+    names = f",result,table,{names}"
+    head = ["#group" + names.count(",") * ",false", names]
+    rows = [f",,0{(names.count(',') - 2) * f',{i}'}" for i in range(40)]
+    with pytest.raises(RecordingError, match=r"lacks _(time|field).*keep _time, _value and _field.*pivot"):
+        open_names(tmp_path, [*head, *rows])
+
+
+@pytest.mark.parametrize("first", ["#default rate 100 Hz", "#Group 7 of the laboratory", "#group"])
+def test_a_remark_that_begins_like_an_answer_of_a_query_is_a_remark(tmp_path, first):
+    rows = [first, "time,q1,tau1", *(f"{0.01 * i:.2f},{i % 7},{i % 5}" for i in range(40))]
+    assert open_names(tmp_path, rows) == ("time", "q1", "tau1")
+    assert open_source(tmp_path / "rows.csv", None).remarks == ()
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [
+            f"{0.01 * i:.2f},{key},{i % 7}.5,{kind}"
+            for i in range(60)
+            for key in ("j1", "j2")
+            for kind in ("pos", "trq")
+        ],
+        [f"{0.01 * i:.2f},{('move', 'hold')[i // 5 % 2]},{i % 7}.5,OK" for i in range(60)],
+    ],
+)
+def test_words_behind_values_that_are_no_types_are_not_left_out(tmp_path, rows):
+    assert open_names(tmp_path, rows) == tuple(rows[0].split(","))
+
+
+def test_a_word_that_changes_behind_the_looked_at_rows_is_named(tmp_path):
+    rows = [f"{0.01 * i:.2f},{key},{i},{kind}" for kind in ("pos", "trq") for i in range(900) for key in ("j1", "j2")]
+    with pytest.raises(RecordingError, match="the word of j1 is pos in some rows and trq in others"):
+        open_names(tmp_path, rows)

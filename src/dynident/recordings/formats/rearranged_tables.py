@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
@@ -26,7 +27,7 @@ _FEWEST_ROWS = 8
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
 _LIST = re.compile(r"\s*[\[({](.*)[\])}]\s*")
 _BETWEEN = re.compile(r"[\s,;]+")
-_ANNOTATION = re.compile(r"#(?:group|datatype|default)\b", re.IGNORECASE)
+_ANNOTATION = re.compile(r'"?#(?:group|datatype|default)"?,')
 _HEAD = "time,signal,value"
 
 
@@ -63,7 +64,7 @@ def rearrange_table(content: TextContent) -> tuple[TextContent, tuple[str, ...]]
 
 
 def _find_rearrangement(lines: list[str], content: TextContent, is_cut: bool) -> tuple[Rearrange | None, str]:
-    if len(lines) > 1 and _ANNOTATION.match(lines[0].strip('" ')):
+    if len(lines) > 1 and _ANNOTATION.match(lines[0]):
         return _read_annotated, "The file is an answer of InfluxDB: the lines that describe its tables are left out."
     if (delimiter := _find_signal_rows(lines, is_cut)) is not None:
         return partial(_transpose, delimiter=delimiter), "The file has a row for each signal: the table is transposed."
@@ -118,13 +119,15 @@ def _write_name(name: str) -> str:
 
 _OF_QUERIES = frozenset({"", "result", "table", "_start", "_stop", "_time", "_value", "_field"})
 """Columns of an answer of InfluxDB that name no signal; the others are its measurement and its tags."""
+_OF_VALUES = frozenset({"_time", "_value", "_field"})
+"""Columns that its tables need, if they have a row for each value."""
 
 
 def _read_annotated(lines: Iterator[str]) -> Iterator[str]:
     """Yield time, name and value of the numbers in InfluxDB's annotated tables, or the table that a pivot has made."""
     names: list[str] = []
     labels: list[int] = []
-    has_head = False
+    is_long: bool | None = None
     for line in lines:
         cells = _read_cells(line, ",")
         if cells[0].startswith("#") or not any(cells):
@@ -132,16 +135,38 @@ def _read_annotated(lines: Iterator[str]) -> Iterator[str]:
         elif not names:
             names = cells
             labels = [place for place, name in enumerate(names) if name not in _OF_QUERIES]
-            is_long = {"_time", "_value", "_field"} <= set(names)
-            if not has_head:
+            if is_long is None:
+                is_long = "_value" in names
                 yield _HEAD.replace("time", "_time") if is_long else line
-            has_head = True
-        elif "_value" not in names:
+            if missing := sorted(_OF_VALUES - set(names)) if is_long or "_value" in names else []:
+                raise RecordingError(
+                    f"The file is an answer of InfluxDB, and a table of it lacks {' and '.join(missing)}: keep _time, "
+                    "_value and _field of each value, or give each moment one row, by "
+                    'pivot(rowKey: ["_time"], columnKey: ["_field"], valueColumn: "_value").',
+                    title=TITLE,
+                )
+        elif not is_long:
             yield line
         elif len(cells) == len(names) and _is_number(value := cells[names.index("_value")]):
             tags = [cells[place] for place in labels if cells[place]]
             name = ".".join((*tags, cells[names.index("_field")]))
             yield f"{cells[names.index('_time')]},{_write_name(name)},{value}"
+
+
+_OF_KEYS = re.compile(r"(?:key|signal|name|variable|channel|topic)s?(?:[ _]?name)?", re.IGNORECASE)
+_OF_NUMBERS = re.compile(r"values?", re.IGNORECASE)
+
+
+def _are_keys(rows: Sequence[Sequence[str]], head: Sequence[str]) -> bool:
+    """Return whether the second cells name signals, by the line of names or because most of the times have several.
+
+    A word that says something of a whole row, such as how it moves, stands once for each time.
+    """
+    words = defaultdict[str, set[str]](set)
+    for time, word, *_ in rows:
+        words[time].add(word)
+    are_named = len(head) > 2 and _OF_KEYS.fullmatch(head[1]) and _OF_NUMBERS.fullmatch(head[2])
+    return bool(are_named) or 2 * sum(len(words[row[0]]) > 1 for row in rows) > len(rows)
 
 
 def _find_value_rows(lines: Sequence[str]) -> str | None:
@@ -154,13 +179,16 @@ def _find_value_rows(lines: Sequence[str]) -> str | None:
         has_head = not (_is_number(rows[0][0]) or are_times([rows[0][0]]))
         body = rows[has_head:]
         are_keys = not any(_is_number(row[1]) or not row[1] for row in body) and len({row[1] for row in body}) > 1
-        if not are_keys or not (all(_is_number(row[0]) for row in body) or are_times([row[0] for row in body])):
+        if not are_keys or not _are_keys(body, rows[0] if has_head else ()):
+            continue
+        if not (all(_is_number(row[0]) for row in body) or are_times([row[0] for row in body])):
             continue
         has_lists = sum(_LIST.fullmatch(row[2]) is not None for row in body) > 1
         if len(rows[-1]) == 3 and has_lists and not any(row[2].startswith("{") for row in body):
             return delimiter
-        # A type or a quality behind each value is a word.
+        # A type behind each value is a word, the same for all values of a key; else it may be the other half of a key.
         has_types = len(rows[-1]) == 4 and not any(_is_number(row[3]) for row in body) and not has_head
+        has_types = has_types and len({(row[1], row[3]) for row in body}) == len({row[1] for row in body})
         if has_types and any(_is_number(row[2].replace(",", ".")) for row in body):
             return delimiter
     return None
@@ -168,17 +196,25 @@ def _find_value_rows(lines: Sequence[str]) -> str | None:
 
 def _read_value_rows(lines: Iterator[str], delimiter: str) -> Iterator[str]:
     """Yield time, name and value of each number, those of lists with their places in the names."""
-    head: str | None = None
+    has_head = False
+    types: dict[str, str] = {}
     for line in lines:
         cells = _read_cells(line, delimiter)
         if len(cells) < 3:
             continue
-        if head is None:
-            is_row = _is_number(cells[0]) or are_times([cells[0]])
-            head = "time" if is_row else _write_name(cells[0])
-            yield _HEAD.replace("time", head)
-            if not is_row:
+        if not has_head:
+            has_head = True
+            if not (_is_number(cells[0]) or are_times([cells[0]])):
+                value = "value" if _OF_NUMBERS.fullmatch(cells[2]) else _write_name(cells[2])
+                yield f"{_write_name(cells[0])},signal,{value}"
                 continue
+            yield _HEAD
+        if len(cells) > 3 and types.setdefault(cells[1], cells[3]) != cells[3]:
+            raise RecordingError(
+                f"Each row has a time, a key, a value and a word, and the word of {cells[1]} is {types[cells[1]]} in "
+                f"some rows and {cells[3]} in others: write names above the columns, or one key for each signal.",
+                title=TITLE,
+            )
         name, listed = _write_name(cells[1]), _LIST.fullmatch(cells[2])
         if listed is None:
             value = cells[2] if delimiter == "," else cells[2].replace(",", ".")
@@ -257,22 +293,38 @@ def _find_titled_head(lines: Sequence[str]) -> str | None:
     return None
 
 
+_WORDS_OF_TITLE = re.compile(r"(?:joint|axis)\W*\d+|[^\W\d_]{2,}", re.IGNORECASE)
+"""What a title says of its signals. Numbers, letters and stamps of time count runs, except behind the word joint."""
+
+
 def _has_further_blocks(content: TextContent, head: str) -> bool:
-    """Return whether the names stand again in the file, below another title than the first ones'."""
-    titles: set[str] = set()
+    """Return whether the names stand again in the file, above rows of the same times and below titles of other words.
+
+    Blocks of other times, or with titles that only count, are runs of the same signals.
+    """
+    delimiter = next(sign for sign in "\t;,|" if sign in head)
+    titles: list[tuple[str, ...]] = []
+    times: list[list[str]] = []  # the first two and the last of each block
     with content.open() as file:
         above: list[str] = []
         for line in io.TextIOWrapper(file, encoding="utf-8", errors="replace"):
-            if line[:1].isdigit():
+            first, sign, _ = line.partition(delimiter)
+            if line.rstrip("\r\n") == head:
+                titles.append(tuple(_WORDS_OF_TITLE.findall(_read_title(above)[0].lower())))
+                times.append([])
                 above = []
-            elif line.rstrip("\r\n") == head:
-                titles.add(_read_title(above)[0])
+            elif sign and _is_number(time := first.strip(' "')):
                 above = []
+                if times:
+                    times[-1][2:] = [time]
             elif line.strip():
                 above.append(line)
-            if len(titles) > 1:
-                return True
-    return False
+    if len(titles) < 2 or len(set(titles)) < len(titles) or any(len(block) < 3 for block in times):
+        return False
+    begins, seconds, ends = zip(*(map(float, block) for block in times), strict=True)
+    # The signals may have rates of their own: the last row of one may be missing in another.
+    step = max(second - begin for begin, second in zip(begins, seconds, strict=True))
+    return len(set(begins)) == 1 and max(ends) - min(ends) < 1.5 * step
 
 
 def _read_title(above: Sequence[str]) -> tuple[str, str]:
