@@ -1164,3 +1164,36 @@ def test_an_external_axis_that_moves_and_that_the_robot_lacks_is_told(moves: boo
     told = [check.detail for check in found.checks if check.name == "joint_columns" and check.status == "warning"]
     assert len(told) == (moves and "E1" in name)
     assert all("E1 moves by" in detail and "the description has no such joint" in detail for detail in told)
+
+
+@pytest.mark.parametrize(
+    ("joint", "names", "expected"),
+    [
+        ("A{}", ["E1", "E2"], ["E1", "E2"]),
+        ("q{}", ["e1", "e2", "E1"], []),
+        ("A{}", ["e1", "e2", "ext_joint_torque_1", "externalJointTorque1"], []),
+        ("q{}", ["rail_pos", "linearUnit", "rail_speed", "track_error", "tracking"], ["rail_pos", "linearUnit"]),
+    ],
+)
+def test_errors_and_external_torques_are_no_external_axes(
+    joint: str, names: list[str], expected: list[str], tmp_path: Path
+) -> None:
+    given = log(seed=8)
+    columns = {"t": given.t} | {joint.format(k + 1): given.q[:, k] for k in range(6)}
+    columns |= {f"tau{k + 1}": given.tau[:, k] for k in range(6)}
+    columns |= {name: 300.0 + (k + 1) * np.sin(0.7 * given.t) for k, name in enumerate(names)}
+    ours = {f"q{k}": joint.format(k) for k in range(1, 7)} | {f"tau{k}": f"tau{k}" for k in range(1, 7)}
+    found = read(given.robot, tmp_path, columns, columns=ours)
+    details = [check.detail for check in found.checks if "the description has no such joint" in check.detail]
+    assert len(details) == bool(expected)
+    assert [name for name in names if any(f"{name} moves by" in detail for detail in details)] == expected
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_external_axis_without_readings_is_no_motion(tmp_path: Path) -> None:
+    given = log(seed=8)
+    columns = {"t": given.t} | {f"A{k + 1}": given.q[:, k] for k in range(6)} | {"E1": np.full(len(given.t), np.nan)}
+    columns |= {f"tau{k + 1}": given.tau[:, k] for k in range(6)}
+    ours = {f"q{k}": f"A{k}" for k in range(1, 7)} | {f"tau{k}": f"tau{k}" for k in range(1, 7)}
+    found = read(given.robot, tmp_path, columns, columns=ours)
+    assert not any("the description has no such joint" in check.detail for check in found.checks)

@@ -870,3 +870,53 @@ def test_a_word_that_changes_behind_the_looked_at_rows_is_named(tmp_path):
     rows = [f"{0.01 * i:.2f},{key},{i},{kind}" for kind in ("pos", "trq") for i in range(900) for key in ("j1", "j2")]
     with pytest.raises(RecordingError, match="the word of j1 is pos in some rows and trq in others"):
         open_names(tmp_path, rows)
+
+
+def _read_time(folder, **columns):
+    """Return the time of a file and what was done to read it."""
+    pq.write_table(pa.table(columns), folder / "counts.parquet")
+    source = open_source(folder / "counts.parquet", None)
+    if "t" not in source.names:
+        return None, source.remarks
+    return np.concatenate([batch.column("t").to_numpy() for batch in source.batches(["t"])]), source.remarks
+
+
+@pytest.mark.parametrize("step", [1, 4])
+@pytest.mark.parametrize("further", ["counter", "cnt_s", None])
+def test_a_counter_begins_again_late_in_a_long_file_and_beside_another(tmp_path, step, further):
+    rows = np.arange(300_000 if step == 1 else 70_000)
+    other = {further: rows} if further else {}
+    t, remarks = _read_time(tmp_path, tick_ms=(step * rows) % 65536, q1=np.sin(rows), **other)
+    np.testing.assert_allclose(t, 1e-3 * step * rows, atol=1e-9)
+    assert any("from 0 again where it is full" in remark for remark in remarks)
+
+
+def test_a_counter_goes_on_across_rows_without_a_count(tmp_path):
+    rows = np.arange(40_000)
+    counts = ((4 * rows) % 65536).astype(float)
+    counts[[5, 16_380, 30_000]] = np.nan
+    t, _ = _read_time(tmp_path, tick_ms=counts, q1=np.sin(rows))
+    np.testing.assert_allclose(t, np.where(np.isnan(counts), np.nan, 4e-3 * rows), atol=1e-9)
+
+
+@pytest.mark.parametrize("last", [65_488, 65_492, 30_000])
+def test_runs_that_end_near_a_full_count_are_not_joined(tmp_path, last):
+    counts = np.concatenate([np.arange(0, last + 1, 4), np.arange(0, 20_000, 4)])
+    t, _ = _read_time(tmp_path, time_ms=counts, q1=np.sin(counts))
+    assert t is None
+
+
+def test_a_time_that_goes_on_is_not_replaced_by_a_counter(tmp_path):
+    rows = np.arange(40_000)
+    t, remarks = _read_time(tmp_path, t=4e-3 * rows, tick_ms=(4 * rows) % 65536)
+    np.testing.assert_allclose(t, 4e-3 * rows)
+    assert not remarks
+
+
+def test_the_number_of_a_clock_is_no_factor_and_a_counter_that_is_never_full_is_not_said_to_be(tmp_path):
+    rows = np.arange(1000)
+    assert _read_time(tmp_path, **{"t0 ms": rows, "q1": np.sin(rows)})[0] is None
+    assert _read_time(tmp_path, **{"t2 ms": rows, "q1": np.sin(rows)})[0] is None
+    t, remarks = _read_time(tmp_path, tick_100us=rows, q1=np.sin(rows))
+    np.testing.assert_allclose(t, 1e-4 * rows)
+    assert remarks == ("tick_100us counts: t is its time.",)

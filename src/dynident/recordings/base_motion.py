@@ -380,31 +380,54 @@ def report_base(joints: RecordedJoints, reactions: Sequence[Reaction]) -> tuple[
     return (Check("base_forces", "warning" if twice else "ok", sentence),)
 
 
-_EXTERNAL_AXIS = re.compile(r"(?<![^\W_])E[1-6](?![^\W_])|EIPos|ext(ernal)?[\W_]*(axis|axes|joint)", re.IGNORECASE)
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_EXTERNAL_AXIS = re.compile(r"\b(?:ext(?:ernal)? ?(?:axis|axes|joints?)|ei pos|rail|track|linear (?:unit|axis))\b")
+"""What loggers call an axis that carries a robot, in words of small letters; EIPos is KUKA's."""
+_NUMBERED_AXIS = re.compile(r"(?<![^\W_])E[1-6](?![^\W_])")
+"""What controllers call it beside joints A1, A2, … or J1, J2, …; e1, e2, … are the errors of a controller."""
+_NO_AXIS_POSITION = frozenset(
+    {"torque", "torques", "trq", "tau", "effort", "force", "moment", "load", "current", "cur", "temperature", "temp"}
+    | {"error", "errors", "err", "velocity", "vel", "speed", "acceleration", "acc"}
+)
 _MOVES = 20.0
-"""What controllers call an axis that carries a robot; steps from row to row that an axis at rest stays within."""
+"""Steps from row to row that an axis at rest stays within."""
+
+
+def _find_external_axes(names: Sequence[str], layout: Layout) -> list[str]:
+    """Return the columns that are positions of external axes by their names, and that no joint uses."""
+    used = {column.source for column in (*layout.q, *layout.tau)}
+    words = {name: [word.casefold() for word in _WORD.findall(name)] for name in {*names, *used}}
+    is_named = {name: _EXTERNAL_AXIS.search(" ".join(own)) is not None for name, own in words.items()}
+    # Where a joint of the robot is such an axis, further columns of that name are other signals of it.
+    has_axis = any(is_named[column.source] for column in layout.q)
+    axes = []
+    for name in names:
+        if name in used or _NO_AXIS_POSITION & set(words[name]):
+            continue
+        place = _NUMBERED_AXIS.search(name)
+        joint = place and re.compile(re.escape(name[: place.start()]) + r"[AJ]\d")
+        if (is_named[name] and not has_axis) or (joint and any(joint.match(column.source) for column in layout.q)):
+            axes.append(name)
+    return axes
 
 
 def report_external_axes(file: FileSource, layout: Layout) -> tuple[Check, ...]:
-    """Return warnings of external axes in the file that move, and that the robot has no joint for."""
-    used = [column.source for column in (*layout.q, *layout.tau)]
-    places = {name: _EXTERNAL_AXIS.search(name) for name in file.names if name not in used}
-    # Beside the positions of the joints, by what stands before it, are those of the axes.
-    heads = {name: name[: place.start()] for name, place in places.items() if place is not None}
-    beside = [name for name, head in heads.items() if any(column.source.startswith(head) for column in layout.q)]
-    axes = Layout(layout.t, None, tuple(Column(name) for name in beside), ())
-    values = np.concatenate([rows.values for rows in file.rows(axes)]) if beside else np.zeros((2, 0))
-    steps = np.sqrt(np.nanmean(np.diff(values, axis=0) ** 2, axis=0))
-    travels = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
-    return tuple(
-        Check(
-            "joint_columns",
-            "warning",
-            f"{name} moves by {travel:.4g} {file.units.get(name, 'in its own unit')}, and the description has no such "
-            "joint. If it carries the robot, its acceleration acts on all joints and no effect of the arm explains it: "
-            "put a sliding joint under the base of the description, or record with that axis at rest.",
-            column=name,
-        )
-        for name, travel, step in zip(beside, travels, steps, strict=True)
-        if travel > _MOVES * step > 0.0
+    """Return a warning of the external axes in the file that move, and that the robot has no joint for."""
+    names = _find_external_axes(file.names, layout)
+    if not names:
+        return ()
+    axes = Layout(layout.t, None, tuple(Column(name) for name in names), ())
+    columns = np.concatenate([rows.values for rows in file.rows(axes)]).T
+    travels = {}
+    for name, column in zip(names, columns, strict=True):
+        values = column[np.isfinite(column)]
+        if len(values) > 1 and np.ptp(values) > _MOVES * np.sqrt(np.mean(np.diff(values) ** 2)):
+            travels[name] = f"{name} moves by {np.ptp(values):.4g} {file.units.get(name, 'in its own unit')}"
+    if not travels:
+        return ()
+    detail = (
+        f"{', '.join(travels.values())}, and the description has no such joint. If it carries the robot, its "
+        "acceleration acts on all joints and no effect of the arm explains it: put a sliding joint under the base of "
+        "the description, or record with that axis at rest."
     )
+    return (Check("joint_columns", "warning", detail, column=next(iter(travels))),)

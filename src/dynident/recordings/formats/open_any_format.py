@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
@@ -31,7 +32,7 @@ from dynident.recordings.formats.rearranged_tables import rearrange_table
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows
-from dynident.recordings.time_columns import is_time_name, join_split_stamps, sum_increments
+from dynident.recordings.time_columns import FEWEST_STEPS, is_time_name, join_split_stamps, sum_increments
 from dynident.text_encoding import escape_surrogates
 
 FORMATS: tuple[str, ...] = get_args(Format)
@@ -250,18 +251,79 @@ class StatedRateSource(FileSource):
 
 _COUNTER = re.compile(
     r"(?:^|[^a-z])(?:ticks?|timer|counter|cnt|clock|time|timestamp|stamp|t)"
-    r"(?:[ _.]*[\[(]?(?P<number>\d+)? ?(?P<unit>s|ms|us|µs|ns)[\])]?)?$",
+    r"(?:[ _.]*[\[(]?(?:(?:(?<![a-z])|(?<=tick))(?P<number>[1-9]\d*))? ?(?P<unit>s|ms|us|µs|ns)[\])]?)?$",
     re.IGNORECASE,
 )
-"""A counter of a timer, with what one count is: tick_100us."""
+"""A counter of a timer, with what one count is: tick_100us; the number of t2 ms is that of a clock."""
 _MODULI = (2.0**16, 2.0**24, 2.0**32)
 """Where counters of a timer begin again."""
-_STEPS = 20.0
-"""Usual steps that a counter goes on by at most where it begins again."""
+_UNEVEN = 1.5
+"""Factor by which a step across a full count differs from the usual one at most: other falls are those of new runs."""
+
+
+@dataclass
+class CounterUnwrap:
+    """Adds to a counter what it has lost where it began again, block by block."""
+
+    overflows: int = 0
+    falls: int = 0
+    """Places where it goes back by more than rows that were exchanged."""
+    moduli: set[float] = field(default_factory=set)
+    largest: float = 0.0
+    is_whole: bool = True
+    """Whether all counts are whole numbers from 0 on."""
+    is_rising: bool = True
+    _added: float = 0.0
+    _last: float = np.nan
+    _step: float = 0.0
+
+    @property
+    def begins_again(self) -> bool:
+        """Whether most falls are overflows, all at one full count that is never exceeded."""
+        return (
+            self.is_whole
+            and len(self.moduli) == 1
+            and max(self.moduli) > self.largest
+            and (2 * self.overflows > self.falls)
+        )
+
+    @property
+    def may_begin_again(self) -> bool:
+        """Whether further rows may still show that it does."""
+        return self.is_whole and self.largest < _MODULI[-1]
+
+    def add(self, counts: FloatArray) -> FloatArray:
+        """Return the next counts (m,), which go on; missing ones are NaN."""
+        unwrapped = counts.copy()
+        is_finite = np.isfinite(counts)
+        values = counts[is_finite]
+        if not len(values):
+            return unwrapped
+        before = np.concatenate([[self._last], values[:-1]])
+        steps = values - before
+        if not self._step and (steps > 0.0).any():
+            self._step = float(np.median(steps[steps > 0.0]))
+        # Whole numbers: even steps differ by a count.
+        shortest = min(self._step / _UNEVEN, self._step - 1.0)
+        longest = max(self._step * _UNEVEN, self._step + 1.0) if self._step else 0.0
+        lost = np.zeros(len(values))
+        for modulus in _MODULI:
+            goes_on = steps + modulus
+            is_full = (before < modulus) & (steps < 0.0) & (goes_on >= shortest) & (goes_on <= longest)
+            lost[is_full] = modulus
+        self.overflows += int(np.count_nonzero(lost))
+        self.falls += int(np.count_nonzero((lost > 0.0) | (steps < -FEWEST_STEPS * self._step)))
+        self.moduli |= set(lost[lost > 0.0].tolist())
+        self.largest = max(self.largest, float(values.max()))
+        self.is_whole = self.is_whole and bool((values == np.rint(values)).all() and values.min() >= 0.0)
+        self.is_rising = self.is_rising and not (steps <= 0.0).any()
+        unwrapped[is_finite] = values + self._added + np.cumsum(lost)
+        self._added, self._last = self._added + float(lost.sum()), float(values[-1])
+        return unwrapped
 
 
 class CounterTimeSource(FileSource):
-    """A file stamped by the counter of a timer, which begins again: `t` goes on, in s where its unit is known.
+    """A file stamped by the counter of a timer, which may begin again: `t` goes on, in s where its unit is known.
 
     Parameters
     ----------
@@ -273,64 +335,60 @@ class CounterTimeSource(FileSource):
         s of a count, or 1.
     unit : str
         Of the time then.
+    begins_again : bool
+        Whether it does, at a full count.
     """
 
-    def __init__(self, source: FileSource, counter: str, factor: float, unit: str) -> None:
-        self._source, self._counter, self._factor = source, counter, factor
+    def __init__(self, source: FileSource, counter: str, factor: float, unit: str, begins_again: bool) -> None:
+        self._source, self._counter, self._factor, self._begins_again = source, counter, factor, begins_again
         names = [name for name in source.names if name not in (_TIME, counter)]
         units = {name: own for name, own in source.units.items() if name != counter}
         super().__init__([_TIME, *names], {**units, **({_TIME: unit} if unit else {})})
         self.sample_rows, self.texts = source.sample_rows, source.texts
         self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
-        self.own_remarks = (f"{counter} counts, from 0 again where it is full: t is its time, which goes on.",)
+        again = ", from 0 again where it is full: t is its time, which goes on." if begins_again else ": t is its time."
+        self.own_remarks = (f"{counter} counts{again}",)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed = [self._counter if name == _TIME else name for name in columns]
-        added, last, first_row = 0.0, np.nan, 0
+        unwrap, first_row = CounterUnwrap(), 0
         for batch in self._source.batches(list(dict.fromkeys(needed))):
             values = {name: batch.column(name) for name in needed}
             if _TIME in columns and batch.num_rows:
                 counts = to_float_column(batch, self._counter, first_row)
-                gains = find_overflows(np.concatenate([[last], counts]))
-                values[_TIME] = from_numbers(self._factor * (counts + added + np.cumsum(gains)))
-                added, last = added + float(gains.sum()), float(counts[-1])
+                goes_on = unwrap.add(counts) if self._begins_again else counts
+                values[_TIME] = from_numbers(self._factor * goes_on)
             yield pa.RecordBatch.from_arrays([values[name] for name in columns], names=columns)
             first_row += batch.num_rows
 
 
-def find_overflows(counts: FloatArray) -> FloatArray:
-    """Return what a counter has lost from each row to the next (m - 1,): the number at which it begins again, or 0.
-
-    Parameters
-    ----------
-    counts : (m,)
-        Whole numbers of consecutive rows.
-    """
-    steps = np.diff(counts)
-    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    lost = np.zeros(len(steps))
-    for modulus in reversed(_MODULI):
-        goes_on = steps + modulus
-        lost[(counts[:-1] < modulus) & (steps < 0.0) & (goes_on > 0.0) & (goes_on <= _STEPS * usual)] = modulus
-    return lost
-
-
 def unwrap_counter(source: FileSource) -> FileSource:
     """Return the file with a time that goes on, if a counter stamps it that begins again; else the same object."""
-    counters = {name: match for name in source.names if (match := _COUNTER.search(name)) and name not in source.texts}
-    if len(counters) != 1:
+    matches = {name: match for name in source.names if (match := _COUNTER.search(name)) and name not in source.texts}
+    counters = _read_counters(source, list(matches))
+    again = [name for name, counter in counters.items() if counter.begins_again]
+    # A time that goes on beside it says more than a counter, unless that counts rows.
+    others = [name for name, counter in counters.items() if counter.is_rising and is_time_name(name)]
+    alone = [name for name in counters if len(matches) == 1 and matches[name]["number"] and counters[name].is_whole]
+    name = next(iter(alone if others or not again else again), None)
+    if name is None:
         return source
-    ((name, match),) = counters.items()
-    first = next(iter(source.batches([name])), None)
-    counts = np.empty(0) if first is None else to_float_column(first, name, 0)
-    counts = counts[np.isfinite(counts)]
-    is_whole = len(counts) > 1 and bool((counts == np.rint(counts)).all() and counts.min() >= 0.0)
-    if not is_whole or not (match["number"] or find_overflows(counts).any()):
-        return source
-    unit = (match["unit"] or source.units.get(name) or "").casefold()
+    number, unit = matches[name]["number"], (matches[name]["unit"] or source.units.get(name) or "").casefold()
     scale = _COUNTS.get(unit)
-    factor = 1.0 if scale is None else scale * float(match["number"] or 1)
-    return CounterTimeSource(source, name, factor, "" if scale is None else "s")
+    factor = 1.0 if scale is None else scale * float(number or 1)
+    return CounterTimeSource(source, name, factor, "" if scale is None else "s", name in again)
+
+
+def _read_counters(source: FileSource, names: list[str]) -> dict[str, CounterUnwrap]:
+    """Return what the columns count: by all rows, as long as one of them may be a counter that begins again."""
+    counters, first_row = {name: CounterUnwrap() for name in names}, 0
+    for batch in source.batches(names) if names else ():
+        for name, counter in counters.items():
+            counter.add(to_float_column(batch, name, first_row))
+        first_row += batch.num_rows
+        if not any(counter.may_begin_again for counter in counters.values()):
+            break
+    return {name: counter for name, counter in counters.items() if counter.largest > 0.0}
 
 
 _COUNTS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
