@@ -330,6 +330,48 @@ def test_a_torque_that_goes_beyond_its_limit_is_not_saturated_there():
     assert range_of_torque(t, tau, tau, 9.9) == ()
 
 
+def draw_trapezoids(seed, digit, noise):
+    """Time, position, and rounded torque of a joint that moves there and back at trapezoidal speeds, with dwells."""
+    rng, period = np.random.default_rng(seed), 0.01
+    phases = []
+    for move in range(12):
+        ramp, cruise, dwell = (int(seconds / period) for seconds in rng.uniform(0.15, 0.6, 3))
+        acceleration = (-1.0) ** move * rng.choice([2.0, 4.0])
+        phases += [acceleration] * ramp + [0.0] * cruise + [-acceleration] * ramp + [0.0] * dwell
+    ddq = np.array(phases)
+    dq = np.cumsum(ddq) * period
+    dq[np.abs(dq) < 1e-9] = 0.0
+    q = np.cumsum(dq) * period
+    tau = ddq + rng.choice([0.0, 3.0]) * np.cos(q) + np.sign(dq)
+    step = digit * np.ptp(tau)
+    return period * np.arange(len(q)), q, step * np.rint(tau / step + noise * rng.normal(size=len(q)))
+
+
+@pytest.mark.parametrize("digit", [2e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("noise", [0.2, 0.5, 1.0, 4.0])
+def test_constant_accelerations_with_few_digits_of_torque_are_at_no_range(digit, noise):
+    drawn = [draw_trapezoids(seed, digit, noise) for seed in range(20)]
+    # A phase without gravity may be as flat as a range: one in ten.
+    assert sum(range_of_torque(t, q, tau, None) != () for t, q, tau in drawn) <= 2
+
+
+@pytest.mark.parametrize("digit", [0.0, 0.1, 1.0])
+def test_a_smooth_peak_at_a_known_limit_is_at_no_range(digit):
+    t = np.arange(4000) * 0.01
+    tau = 50.0 * np.sin(t)
+    tau = digit * np.rint(tau / digit) if digit else tau
+    assert range_of_torque(t, np.sin(0.3 * t), tau, 50.0) == ()
+    ((low, high),) = range_of_torque(t, np.sin(0.3 * t), np.clip(1.3 * tau, -50.0, 50.0), 50.0)
+    assert -50.0 <= low < -49.0
+    assert 49.0 < high <= 50.0
+
+
+def test_a_torque_of_zero_while_its_joint_coasts_is_at_no_range():
+    t = np.arange(4000) * 0.01
+    tau = np.maximum(50.0 * np.sin(t), 0.0)
+    assert range_of_torque(t, np.sin(0.3 * t), tau, None) == ()
+
+
 @pytest.mark.parametrize("size", [-0.4, 0.05])
 def test_a_position_that_is_counted_anew_is_told_with_its_row(tmp_path, size):
     columns = motion()

@@ -35,8 +35,9 @@ friction cuts one side off. A torque that is cut off comes there at its own spee
 STANDS = 0.1
 """Share of its range that a joint may move behind a brake, which gives a little."""
 
-TOGGLES, TOGETHER = 2, 1.5
-"""Digits that a converter at the end of its range changes by; times the rows of plateaus that each has to add."""
+TOGGLES, TOGETHER, SEVERAL = 2, 1.5, 2
+"""Digits that a converter at the end of its range changes by; times the rows of plateaus that each has to add; and
+plateaus that have to reach the top: one alone may be any constant torque with a digit of noise."""
 
 _SATURATES = (
     "the drive, the sensor, or the log, saturates there. These rows are left out of the joint's equation and of its "
@@ -67,23 +68,8 @@ def check_torque(
 ) -> list[Check]:
     """Check the torques of the rows inside the windows: by themselves, then against the motion.
 
-    What a model of the robot says of order and signs goes before what friction alone tells.
-
-    Parameters
-    ----------
-    recording : Recording
-        The checked recording.
-    sample : RawSample
-        Raw rows from all over the recording.
-    layout : Layout
-        The columns of the file, matched with the joints.
-    against : ModelChecks, optional
-        What a model of the robot says.
-
-    Returns
-    -------
-    list of Check
-        Checks of torque by itself, then of torque against motion.
+    What a model of the robot says (`against`) of order and signs goes before what friction alone tells. The sample are
+    raw rows from all over the recording; the layout matches the columns of the file with the joints.
     """
     # In this order: torque by itself first. A torque that was not recorded, or saturates, would only mislead what comes
     # after.
@@ -192,11 +178,11 @@ def _check_saturation(recording: Recording, sample: RawSample, layout: Layout) -
 def _find_brake(joint: int, flat: BoolArray, sample: RawSample, layout: Layout) -> tuple[Remedy, ...]:
     """Return how to use the other rows where a torque that stays at 0 while its joint stands was not measured there.
 
-    Nothing where it is not so: no drive saturates at 0, but where the joint moves one sign of a torque may be cut off.
+    Nothing where it is not so: a drive that pushes one way only lets its joint coast with a torque of 0.
     """
     tau, q, t = sample.tau[sample.used], sample.q[sample.used, joint], sample.t[sample.used]
     works = tau[:, joint] != 0.0
-    if works[flat].any() or np.ptp(q[~works]) > STANDS * np.ptp(q):
+    if works[flat].any() or not _stands_without_torque(tau[:, joint], q):
         return ()
     places, at = np.flatnonzero(works), t[works]
     # What filters smear splits no interval, and makes none. Rows that are not in the sample say nothing.
@@ -210,6 +196,11 @@ def _find_brake(joint: int, flat: BoolArray, sample: RawSample, layout: Layout) 
     off = [other for other in range(layout.n_base, tau.shape[1]) if not tau[inside, other].any()]
     columns = Remedy("columns", {_name_torque(layout, other): NOT_RECORDED for other in off})
     return (Remedy("windows", windows), *((columns,) if off else ()))
+
+
+def _stands_without_torque(tau: FloatArray, q: FloatArray) -> bool:
+    """Tell whether a joint stays in its place while its torque is exactly 0, as one behind a brake does."""
+    return bool(np.ptp(q[tau == 0.0]) <= STANDS * np.ptp(q))
 
 
 def _name_torque(layout: Layout, joint: int) -> str:
@@ -228,9 +219,9 @@ def _describe_brake(remedies: tuple[Remedy, ...]) -> str:
 
 
 def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: int) -> float:
-    """Return the least torque of the plateaus at a torque's largest value; infinite if it has none there."""
+    """Return the least torque of the plateaus at a torque's largest value; infinite if none, or if it coasts there."""
     reach, top = float(np.ptp(tau)), float(tau.max(initial=-np.inf))
-    if reach == 0.0 or len(tau) < 10 * run:
+    if reach == 0.0 or len(tau) < 10 * run or (top == 0.0 and not _stands_without_torque(tau, q)):
         return np.inf
     end, most = np.inf, 0
     # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
@@ -238,35 +229,37 @@ def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: i
     # The same value exactly, or to the last digits of a converter, which come again and again.
     levels, counts = np.unique(tau[tau > top - SATURATED * reach], return_counts=True)
     for level in (top, *levels[(counts >= run) & (levels < top)][: -TOGGLES - 1 : -1]):
-        rows = 0
-        for start, last in find_spans(tau >= level - 1e-9 * reach):
-            # A joint that stands has a torque of a few digits as well.
-            travels = level == top or np.ptp(q[start : last + 1]) > STANDING_TRAVEL
-            if last - start + 1 >= run and travels and _is_plateau(tau, start, last + 1, level, resolution):
-                rows += last - start + 1
+        plateaus = [
+            last - start + 1
+            for start, last in find_spans(tau >= level - 1e-9 * reach)
+            if last - start + 1 >= run
+            # All plateaus of a range reach its end. A joint that stands has a torque of a few digits as well.
+            and (level == top or (tau[start : last + 1].max() == top and np.ptp(q[start : last + 1]) > STANDING_TRAVEL))
+            and _is_plateau(tau, start, last + 1, level, resolution)
+        ]
         # Further digits belong to the end of the range if it is they that keep its plateaus together.
-        if rows > TOGETHER * most:
-            end, most = float(level - 1e-9 * reach), rows
+        if sum(plateaus) > TOGETHER * most and (level == top or len(plateaus) >= SEVERAL):
+            end, most = float(level - 1e-9 * reach), sum(plateaus)
     # At a limit that is known, as long as no torque is beyond it.
     if effort is not None and 0.0 < top < (1.0 + SATURATED) * effort:
         at_limit = (1.0 - SATURATED) * effort
-        if any(last - start + 1 >= run for start, last in find_spans(tau > at_limit)):
+        runs = [(start, last + 1) for start, last in find_spans(tau > at_limit) if last - start + 1 >= run]
+        if any(_is_plateau(tau, *rows_at, at_limit, resolution) for rows_at in runs):
             end = min(end, at_limit)
     return end
 
 
 def _is_plateau(tau: FloatArray, start: int, end: int, level: float, resolution: float) -> bool:
-    """Tell whether a run at an extreme is no constant torque, nor the rounded top of a smooth peak.
-
-    One digit below such a top, or as many more as the run has, it is as wide again.
-    """
-    length, steps = end - start, np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
-    # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not cut off.
-    if np.count_nonzero(steps) <= 0.2 * max(1, len(steps) - length):
+    """Tell whether a run at an extreme is no constant torque, nor a rounded peak, as wide again one digit below."""
+    length, deep = end - start, tau[start:end].max() - level
+    # Around a plateau the signal changes within a few rows, by more than noise in its last digit; where it does not,
+    # torque is constant there, not cut off.
+    sides = (tau[max(0, start - 20) : start], tau[end : end + 20])
+    changes = np.concatenate([np.abs(side[RUN:] - side[:-RUN]) > 1.5 * resolution for side in sides])
+    if np.count_nonzero(changes) <= 0.5 * len(changes):
         return False
     # As many rows on either side as the run has itself decide it: not the whole torque for every plateau.
     before, after = tau[max(0, start - length) : start][::-1], tau[end : end + length]
-    deep = tau[start:end].max() - level
     digit = max(resolution, deep / TOGGLES)
     near = sum(int(np.logical_and.accumulate(side >= level - deep - 1.5 * digit).sum()) for side in (before, after))
     return near < WIDER * length
