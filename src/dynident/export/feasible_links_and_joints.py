@@ -302,14 +302,14 @@ class FeasibleLinks:
         except DynidentError as error:
             impossible = error
             standard = complete(nearest=True)
-        asked = identification
+        unchanged = identification
         if not whole:
-            asked = fit_beside_links(identification, projected, get_link_parameters(identification, projected))
+            unchanged = fit_beside_links(identification, projected, get_link_parameters(identification, projected))
             links = compute_base_parameters(projected.model, standard)
             projected = fit_beside_links(identification, projected, links)
             standard = replace_friction(standard, projected.model, projected.values)
         # Bodies that predict held-out data as well are no loss: the user need not ask for them.
-        if impossible is not None and not nearest and not predicts_as_well(asked, standard.values):
+        if impossible is not None and not nearest and not predicts_as_well(unchanged, standard.values):
             raise impossible
         return cls(identification, projected, standard, held)
 

@@ -60,8 +60,8 @@ def _find_overshoots(recording: Recording, preprocessing: Preprocessing, width: 
         is_end = block is None or block.starts_segment
         # Rows near the end of a block are judged with the next one, which has those behind them.
         last = len(t) if is_end else max(judged, len(t) - reach)
-        for j, found in enumerate(_mark_overshoots(speed, reach)[judged:last].T):
-            times[segment][j].append(t[judged:last][found])
+        for j, marks in enumerate(_mark_overshoots(speed, reach)[judged:last].T):
+            times[segment][j].append(t[judged:last][marks])
         if block is None:
             break
         first = len(t) if is_end else max(0, last - reach - 1)
