@@ -347,12 +347,12 @@ def draw_trapezoids(seed, digit, noise):
     return period * np.arange(len(q)), q, step * np.rint(tau / step + noise * rng.normal(size=len(q)))
 
 
-@pytest.mark.parametrize("digit", [2e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("digit", [1e-3, 5e-3])
 @pytest.mark.parametrize("noise", [0.2, 0.5, 1.0, 4.0])
 def test_constant_accelerations_with_few_digits_of_torque_are_at_no_range(digit, noise):
     drawn = [draw_trapezoids(seed, digit, noise) for seed in range(20)]
-    # A phase without gravity may be as flat as a range: one in ten.
-    assert sum(range_of_torque(t, q, tau, None) != () for t, q, tau in drawn) <= 2
+    # A phase without gravity may be as flat as a range: one in twenty.
+    assert sum(range_of_torque(t, q, tau, None) != () for t, q, tau in drawn) <= 1
 
 
 @pytest.mark.parametrize("digit", [0.0, 0.1, 1.0])

@@ -225,7 +225,7 @@ def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: i
         return np.inf
     end, most = np.inf, 0
     # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
-    resolution = find_step(tau)
+    resolution = find_step(tau) or find_step(tau[tau > top - SATURATED * reach])
     # The same value exactly, or to the last digits of a converter, which come again and again.
     levels, counts = np.unique(tau[tau > top - SATURATED * reach], return_counts=True)
     for level in (top, *levels[(counts >= run) & (levels < top)][: -TOGGLES - 1 : -1]):
