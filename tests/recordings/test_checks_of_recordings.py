@@ -366,12 +366,6 @@ def test_a_smooth_peak_at_a_known_limit_is_at_no_range(digit):
     assert 49.0 < high <= 50.0
 
 
-def test_a_torque_of_zero_while_its_joint_coasts_is_at_no_range():
-    t = np.arange(4000) * 0.01
-    tau = np.maximum(50.0 * np.sin(t), 0.0)
-    assert range_of_torque(t, np.sin(0.3 * t), tau, None) == ()
-
-
 @pytest.mark.parametrize("size", [-0.4, 0.05])
 def test_a_position_that_is_counted_anew_is_told_with_its_row(tmp_path, size):
     columns = motion()

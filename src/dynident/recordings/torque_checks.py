@@ -221,7 +221,7 @@ def _describe_brake(remedies: tuple[Remedy, ...]) -> str:
 def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: int) -> float:
     """Return the least torque of the plateaus at a torque's largest value; infinite if none, or if it coasts there."""
     reach, top = float(np.ptp(tau)), float(tau.max(initial=-np.inf))
-    if reach == 0.0 or len(tau) < 10 * run or (top == 0.0 and not _stands_without_torque(tau, q)):
+    if reach == 0.0 or len(tau) < 10 * run:
         return np.inf
     end, most = np.inf, 0
     # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
