@@ -113,7 +113,6 @@ def estimate_delay(
     seconds = find_lowest(delays, held_out)
     now, then = tried[0.0], left_of(shift_torque(seconds))
     fall = now.fine - then.fine
-    # A paired comparison over the same blocks.
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
     is_fault = (
         float(fall.mean()) >= _SURELY * error
@@ -195,7 +194,6 @@ def thin_out(motion: Motion) -> Motion:
     motion : Motion
         Filtered rows of the recording.
     """
-    # Evenly spread, so that every part of the motion is represented.
     step = max(1, len(motion.q) // _ROWS)
     q, dq, ddq, tau = (np.ascontiguousarray(signal[::step]) for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
     block: IntArray = np.arange(len(q)) * BLOCKS // len(q)
@@ -322,7 +320,9 @@ def drop_scales_of_loads(
     now = judge.measure_unexplained(motion)
 
     def agrees(scale: TorqueScale) -> bool:
-        factors = np.where(np.arange(n) == scale.joint, 1.0 / scale.times, 1.0)
+        # Drives of another make are a group: one of them alone, put right, no longer agrees with the others.
+        group = {other.joint: 1.0 / other.times for other in scales if other.power == scale.power}
+        factors = np.array([group.get(joint, 1.0) for joint in range(n)])
         mended = judge.measure_unexplained(replace(motion, tau=motion.tau * factors))
         return mended.is_surely_above(now, by_friction=False)
 
