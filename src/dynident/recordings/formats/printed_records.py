@@ -142,27 +142,36 @@ def rewrite_as_json(content: TextContent, kind: Kind) -> TextContent:
     kind : str
         What `find_printed_kind` found.
     """
-    return content.replace_text(lambda: io.BufferedReader(_JsonLines(content, kind), 1 << 20))
+    return content.replace_text(lambda: io.BufferedReader(_open_as_json(content, kind), 1 << 20))
 
 
-class _JsonLines(ProducedStream):
-    """Rewrites a printout, record by record."""
+def _open_as_json(content: TextContent, kind: Kind) -> LineStream:
+    file = content.open()
+    lines = _read_lines(io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace"))
+    if kind == "python":
+        return LineStream(file, map(_rewrite_python, _join_dictionaries(lines)))
+    return LineStream(file, _rewrite_protobuf(lines) if kind == "protobuf" else _rewrite_entries(lines, kind))
 
-    def __init__(self, content: TextContent, kind: Kind) -> None:
+
+class LineStream(ProducedStream):
+    """A stream of lines that are made of those of a file.
+
+    Parameters
+    ----------
+    file : binary file
+        It is closed with the stream.
+    lines : iterator of str
+        The lines, without their ends.
+    """
+
+    def __init__(self, file: IO[bytes], lines: Iterator[str]) -> None:
         super().__init__()
-        self._file: IO[bytes] = content.open()
-        lines = _read_lines(io.TextIOWrapper(self._file, encoding="utf-8-sig", errors="replace"))
-        self._records: Iterator[str]
-        if kind == "python":
-            self._records = map(_rewrite_python, _join_dictionaries(lines))
-        else:
-            self._records = _rewrite_protobuf(lines) if kind == "protobuf" else _rewrite_entries(lines, kind)
-        self._waiting = bytearray()
+        self._file, self._lines, self._waiting = file, lines, bytearray()
 
     def read_part(self, size: int) -> bytes:
-        """Return the next bytes of the rewritten text."""
-        while len(self._waiting) < size and (record := next(self._records, None)) is not None:
-            self._waiting += record.encode() + b"\n"
+        """Return the next bytes, at most `size`; none at the end."""
+        while len(self._waiting) < size and (line := next(self._lines, None)) is not None:
+            self._waiting += line.encode() + b"\n"
         part = bytes(self._waiting[:size])
         del self._waiting[:size]
         return part

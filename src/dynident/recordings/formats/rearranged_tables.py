@@ -13,10 +13,10 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import IO
 
 from dynident.recordings.file_size_limits import MOST_COLUMNS, MOST_UNPACKED, TITLE
-from dynident.recordings.formats.text_streams import ProducedStream, TextContent, decode_text
+from dynident.recordings.formats.printed_records import LineStream
+from dynident.recordings.formats.text_streams import TextContent, decode_text
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import are_times, is_time_name
 
@@ -59,7 +59,7 @@ def rearrange_table(content: TextContent) -> tuple[TextContent, tuple[str, ...]]
     if rearrange is None:
         return content, ()
     encoding = "utf-8-sig" if encoding == "utf-8" else encoding
-    rewritten = content.replace_text(lambda: io.BufferedReader(_RearrangedLines(content, rearrange, encoding), 1 << 20))
+    rewritten = content.replace_text(lambda: io.BufferedReader(_open_rearranged(content, rearrange, encoding), 1 << 20))
     return rewritten, (remark,)
 
 
@@ -78,28 +78,10 @@ def _find_rearrangement(lines: list[str], content: TextContent, is_cut: bool) ->
     return None, ""
 
 
-class _RearrangedLines(ProducedStream):
-    """The text of a rearranged table, line by line."""
-
-    def __init__(self, content: TextContent, rearrange: Rearrange, encoding: str) -> None:
-        super().__init__()
-        self._file: IO[bytes] = content.open()
-        lines = io.TextIOWrapper(self._file, encoding=encoding, errors="replace")
-        self._lines = rearrange(line.rstrip("\r\n") for line in lines)
-        self._waiting = bytearray()
-
-    def read_part(self, size: int) -> bytes:
-        """Return the next bytes of the rearranged text."""
-        while len(self._waiting) < size and (line := next(self._lines, None)) is not None:
-            self._waiting += line.encode() + b"\n"
-        part = bytes(self._waiting[:size])
-        del self._waiting[:size]
-        return part
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-        super().close()
+def _open_rearranged(content: TextContent, rearrange: Rearrange, encoding: str) -> LineStream:
+    file = content.open()
+    lines = io.TextIOWrapper(file, encoding=encoding, errors="replace")
+    return LineStream(file, rearrange(line.rstrip("\r\n") for line in lines))
 
 
 def _read_cells(line: str, delimiter: str) -> list[str]:
