@@ -410,7 +410,7 @@ def test_a_bad_run_is_to_be_stopped(settings: Settings) -> None:
         robot = live.robots.create("scara", modified_dh=TABLE)
         rows = part(0, 900)
         # The drive of the elbow gives no more than this.
-        rows["tau2"] = np.clip(rows["tau2"], -2.0, 2.0).tolist()
+        rows["tau2"] = np.clip(rows["tau2"], -10.0, 10.0).tolist()
         measurement = live.measurements.begin(robot, "saturated")
         live.measurements.append_rows(measurement, rows, offset=0)
         event = next(iter(live.measurements.follow(measurement)))
