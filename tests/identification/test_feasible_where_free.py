@@ -11,6 +11,7 @@ from support.oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice, get_role
 from dynident.export import export_model
 from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.presentation.labels import describe_estimator
 from dynident.recordings import Recording
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
@@ -78,6 +79,8 @@ def test_estimates_stay_where_a_robot_that_can_exist_would_fit_worse() -> None:
     plain, same = identify(ROBOT, [turned], choices=PLAIN), identify(ROBOT, [turned], choices=AUTO)
     np.testing.assert_array_equal(same.values, plain.values)
     assert same.estimate.standard is None
+    assert describe_estimator(same) == "auto: weighted least squares"
+    assert describe_estimator(identify(ROBOT, [run(1, 1e-5)], choices=AUTO)) == "auto: feasible parameters"
 
 
 def test_links_of_a_description_that_cannot_exist_may_have_the_parameters_of_others_that_can() -> None:

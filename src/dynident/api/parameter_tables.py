@@ -19,7 +19,7 @@ from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.identification.identified_models.correlated_and_essential_parameters import compute_test_of_values
 from dynident.number_format import format_count, format_number, format_percent
-from dynident.presentation.labels import describe_condition_number
+from dynident.presentation.labels import describe_condition_number, describe_estimator
 from dynident.presentation.model_tables import (
     GROUPING,
     RATIO,
@@ -234,7 +234,7 @@ def format_summary(identification: Identification) -> str:
     facts = [
         ("identified from", ", ".join(data.measurement_names)),
         ("held out", ", ".join(data.validation_names) or "nothing"),
-        ("equation type, estimator", f"{choices.model}, {choices.solver.name_with_options}"),
+        ("equation type, estimator", f"{choices.model}, {describe_estimator(identification)}"),
         (
             "error where joints move",
             f"{format_percent(identification.fit_judged.relative_total)} in the fit, {held_out}",

@@ -60,6 +60,15 @@ CONDITION_MEANING = (
 )
 
 
+def describe_estimator(identification: Identification) -> str:
+    """Return the estimator's name with its options, and what it came to where the data decide that."""
+    solver = identification.choices.solver
+    if not solver.possible_where_free:
+        return solver.name_with_options
+    became = "weighted least squares" if identification.estimate.standard is None else "feasible parameters"
+    return f"{solver.name_with_options}: {became}"
+
+
 def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:
     """Return the effects that the data could not have shown: each once, with its joints where not all are meant.
 

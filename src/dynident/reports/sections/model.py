@@ -18,7 +18,7 @@ from dynident.estimation import CovarianceName
 from dynident.identification import Identification
 from dynident.identification.identified_models.correlated_and_essential_parameters import parameter_dependence
 from dynident.number_format import format_number, format_percent, format_range
-from dynident.presentation.labels import format_shape_constants
+from dynident.presentation.labels import describe_estimator, format_shape_constants
 from dynident.presentation.ladder_tables import (
     build_ladder_joint_table,
     build_ladder_table,
@@ -242,7 +242,7 @@ def build_model_section(identification: Identification) -> Section:
         (
             ("model", choices.model),
             ("strategy", strategy.replace("_", " ")),
-            ("estimator", choices.solver.name_with_options.upper()),
+            ("estimator", describe_estimator(identification)),
             ("prior", "none" if choices.belief is None else f"the {choices.belief.called}"),
             ("tolerance of the base parameters", format_number(choices.tolerance)),
         ),
