@@ -472,7 +472,7 @@ def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, e
         return measure.describe(state.identification.statistics.covariance)
     if goal == "effects":
         if not np.isfinite(error):
-            return f"{name} would have shown at no size on at least one joint"
+            return f"{name} would not have shown at any size on at least one joint"
         if error == 0.0:
             return f"{name} is found"
         return f"{name} would have shown from {format_percent(error)} of its usual size on every joint"
