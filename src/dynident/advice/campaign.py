@@ -447,7 +447,7 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             unloaded = ", also without the load" if state.request.goal == "payload" else ""
             return Decision(
                 "not_reachable",
-                f"What is left of time and runs brings {names[joint]} to {_word_share(state, float(at_end[joint]))}, "
+                f"In the remaining time and runs, {names[joint]} comes to {_word_share(state, float(at_end[joint]))}, "
                 f"not to {format_percent(goal)}; now it is {reached}. Give more minutes or runs{unloaded}, "
                 f"wider limits or a larger error.{remarks}",
             )
