@@ -162,7 +162,7 @@ def _check_no_overlap(name: str, windows: Sequence[Window]) -> None:
         if second[0] < first[1]:
             raise DynidentError(
                 f"the windows {first[0]:g}:{first[1]:g} and {second[0]:g}:{second[1]:g} of {name} overlap; to use "
-                f"a window for one measurement only, write {name}={first[0]:g}:{first[1]:g}",
+                f"a window for one recording only, write {name}={first[0]:g}:{first[1]:g}",
                 pointer="--windows",
             )
 

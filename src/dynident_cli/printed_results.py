@@ -210,7 +210,7 @@ def show_diagnosis(
         own = build_limits_by_joint_table(diagnosis) if each_limit else build_limit_table(diagnosis, robot.joint_names)
         print_tables(console, [own])
     elif diagnosis.not_visible:
-        console.print(f"  These data could not show in its usual size: {format_hidden_effects(diagnosis, robot)}")
+        console.print(f"  These data could not show at its usual size: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.recommended:
         console.print(f"To add what is missing: {extend_command}", soft_wrap=True, markup=False, highlight=False)
     for variable, joints, shares in group_patterns(diagnosis.unknown, robot.joint_names):

@@ -92,7 +92,7 @@ class Criterion(TypedDict, total=False):
     ]
     """Measure of the information in a motion (§12.3.4.1)"""
     parameters: Sequence[str]
-    """For parameters: the parameters whose variances count"""
+    """For the criterion parameters: those whose variances count"""
     weight: float
     """k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value) (1e-12 to 1e+12)"""
 
@@ -155,7 +155,7 @@ class DriveGainsOptions(TypedDict, total=False):
     centre: tuple[float, float, float] | None
     """Centre of the known load in the last joint's frame, if known, in m (-100 to 100)"""
     mass: float | None
-    """Mass of the known load, if the measurements do not state it, in kg (1e-06 to 1e+06)"""
+    """Mass of the known load, if the recordings do not state it, in kg (1e-06 to 1e+06)"""
     name: str | None
 
 
@@ -256,7 +256,7 @@ class Noise(TypedDict, total=False):
     torque_noise: float
     """Standard deviation of the torque noise, as a share of the effort limit (0 to 1000)"""
     torque_noise_absolute: Sequence[float] | None
-    """Standard deviation of each joint, N m or N; replaces torque_noise (0 to 1e+09)"""
+    """Standard deviation of each joint in N m or N, instead of a share of the limit (0 to 1e+09)"""
 
 
 class ParametersGoal(TypedDict, total=False):
@@ -317,7 +317,7 @@ class SimulationOptions(TypedDict, total=False):
     parameters: Mapping[str, float]
     """Standard parameters by name, such as ZZ2 or Fc1; the others are those of the description"""
     pause: float
-    """Time between two runs, in which the session's time continues, in s (0 to 1e+07)"""
+    """Pause between two runs; effects of time and temperature go on in it, in s (0 to 1e+07)"""
     role: Literal["identification", "validation", "friction", "payload"] | None
     runs: int
     """Number of repetitions of the motion, one segment each (1 to 100)"""
@@ -426,12 +426,12 @@ class ValidationOptions(TypedDict, total=False):
     longest: float | None
     """simulation, filters: Longest time to simulate, in s (0.1 to 300)"""
     mass: float | None
-    """payload: The known mass, if the measurements do not state it, in kg (1e-06 to 1e+06)"""
+    """payload: The known mass, if the recordings do not state it, in kg (1e-06 to 1e+06)"""
     methods: Sequence[MethodRequest] | None
     """methods: Methods to compare; all that are available if left out"""
     name: str | None
     seed: int
-    """inertia_matrix, filters, bootstrap: Seed of the random postures (0 to 9.0072e+15)"""
+    """inertia_matrix, filters, bootstrap: Seed of what is drawn at random (0 to 9.0072e+15)"""
 
 
 class Wall(TypedDict, total=False):

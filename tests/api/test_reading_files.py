@@ -312,7 +312,7 @@ def test_no_model_file_and_no_effect_are_told(tmp_path: Path, model: dy.Model, f
     with pytest.raises(dy.DynidentError, match=r"there is no file .*none\.npz"):
         dy.load_model(tmp_path / "none.npz")
     (tmp_path / "bad.npz").write_bytes(b"nothing")
-    with pytest.raises(dy.DynidentError, match=r"bad\.npz: this is no file of a model that this version can read"):
+    with pytest.raises(dy.DynidentError, match=r"bad\.npz: this is not a model file that this version can read"):
         dy.load_model(tmp_path / "bad.npz")
     with pytest.raises(dy.DynidentError, match=r"name must end in \.npz"):
         model.save(tmp_path / "arm.pkl")

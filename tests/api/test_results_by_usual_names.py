@@ -453,7 +453,7 @@ def test_models_that_are_not_nested_are_refused(
     grown = three.extend("offset@shoulder")
     assert grown.compare_f_test(three).df_diff == 1
     for other in (nine, bounded):
-        with pytest.raises(dy.DynidentError, match="know different values or errors of Fc2"):
+        with pytest.raises(dy.DynidentError, match="have different known values or errors of Fc2"):
             grown.compare_f_test(other)
     believed = believing.extend("offset@shoulder")
     assert believed.compare_f_test(believing).df_diff == 1

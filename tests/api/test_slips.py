@@ -131,7 +131,7 @@ SLIPS: dict[str, tuple[Callable[[Desk], object], str]] = {
     "a folder of recordings": (lambda d: dy.read_recordings(d["folder"], robot=d["robot"]), "is a folder"),
     "a folder for a robot": (lambda d: dy.load_robot(d["folder"]), "is a folder"),
     "a folder for a model": (lambda d: dy.load_model(d["folder"]), "is a folder"),
-    "a recording for a model": (lambda d: dy.load_model(d["folder"] / "run1.csv"), "no file of a model"),
+    "a recording for a model": (lambda d: dy.load_model(d["folder"] / "run1.csv"), "not a model file"),
     "a list of paths": (lambda d: dy.read_recordings(["a.csv"], robot=d["robot"]), "one by one"),
     "arrays without names": (lambda d: dy.read_recordings((Q, Q), robot=d["robot"]), "dictionary of arrays by name"),
     "arrays of two lengths": (lambda d: dy.read_recordings({"t": Q, "q1": Q[:2]}, robot=d["robot"]), "same length"),

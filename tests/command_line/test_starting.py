@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -79,6 +80,9 @@ def test_every_verb_explains_itself() -> None:
         explained = dynident(verb, "--help")
         assert explained.code == 0
         assert "<class" not in explained.out
+        # Arguments have names in capitals: Usage: dynident compare [OPTIONS] {MODEL} {RECORDING}
+        arguments = explained.out.partition("[OPTIONS]")[2].partition("\n\n")[0]
+        assert re.fullmatch(r"[{}\[\]A-Z_.\s]*", arguments), arguments
 
 
 def test_the_overview_lists_every_verb_in_one_group_within_80_columns() -> None:

@@ -97,7 +97,7 @@ CASES = {
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--preprocessing", "cutoff=8"],
         ["cutoff", "position_cutoff"],
     ),
-    "a model that is none": (["compare", "{desk}/run1.csv", "{desk}/run1.csv"], ["run1.csv", "no file of a model"]),
+    "a model that is none": (["compare", "{desk}/run1.csv", "{desk}/run1.csv"], ["run1.csv", "not a model file"]),
     "a diagnosis that is none": (
         ["report", "{desk}/model.npz", "{desk}/run1.csv", "--diagnosis", "{desk}/arm.json", "-o", "{desk}/x.html"],
         ["arm.json", "not a diagnosis"],

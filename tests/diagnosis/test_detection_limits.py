@@ -158,7 +158,7 @@ def test_many_joints_are_told_in_groups():
 def test_the_figure_has_all_effects_and_the_table_one_row_an_effect(clean):
     svg = draw_detection_limits(clean.detection_limits, ROBOT)
     assert "Joint spring" in svg
-    assert "would have shown in their usual size" in svg
+    assert "would have shown at their usual size" in svg
     rows = build_limit_table(clean, ROBOT.joint_names).texts
     assert [row[0] for row in rows] == list(
         dict.fromkeys(get_effect(item.effect).title for item in clean.detection_limits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 import json
 import math
@@ -12,12 +13,14 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from support.page_commands import run_commands
 
 import dynident as dy
+from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.outcome_reasons import ReasonCode
 from dynident.robot import Drive, robot_from_library, urdf_from_robot
 from dynident_client import Client
 
@@ -219,3 +222,27 @@ def test_the_requests_of_the_page_are_accepted(cell: Path, service: Served) -> N
                 if "job_id" in made:
                     assert list(client.jobs.events(made["job_id"]))
     assert set(known) >= {"rob", "mea", "idn", "val"}
+
+
+def find_check_names() -> Iterator[str]:
+    """The names of all checks of a recording that the library spells out where it makes the check."""
+    for path in (ROOT / "src" / "dynident").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node.args]
+        first = [call.args[0] for call in calls if isinstance(call.func, ast.Name) and call.func.id == "Check"]
+        yield from (name.value for name in first if isinstance(name, ast.Constant))
+
+
+def test_the_table_of_checks_has_all_checks() -> None:
+    page = (ROOT / "docs" / "my-robot.md").read_text(encoding="utf-8")
+    # What a cure did is reported as a check, too; it finds nothing.
+    names = set(find_check_names()) - {"cure"}
+    assert len(names) > 20
+    assert [name for name in sorted(names) if f"`{name}`" not in page] == []
+
+
+def test_the_page_of_the_diagnosis_has_its_reasons_and_levels() -> None:
+    page = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    assert [code for code in get_args(ReasonCode) if f"`{code}`" not in page] == []
+    assert f"more than {RULES.part_to_part:g} times that of the fit" in page
+    assert f"or that of all\n  joints together by {RULES.least_drop:.0%}".replace("%", " %") in page

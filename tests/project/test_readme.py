@@ -46,8 +46,9 @@ def test_the_thresholds_are_those_of_the_program() -> None:
         assert sentence.replace("%", " %") in text, sentence
     assert thresholds.DETERMINED == 0.1
     assert "above a tenth of their value" in text
-    assert thresholds.OVERFIT == 1.5
-    assert "far above the error of the fit (half as much again)" in text
+    assert f"more than {thresholds.OVERFIT:g} times the error of the fit" in text
+    assert (thresholds.NOTABLE_DRIFT, thresholds.LARGEST_DRIFT) == (0.25, 0.5)
+    assert "a quarter of its travel within half a second (above a half, the model is not fit)" in text
 
 
 def test_the_two_commands_are_those_that_the_check_of_everything_runs() -> None:

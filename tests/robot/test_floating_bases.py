@@ -193,7 +193,7 @@ def test_what_cannot_be_is_refused_with_a_sentence() -> None:
     two = MJCF.replace("</worldbody>", '<body name="ball"><freejoint/><geom size="1"/></body></worldbody>')
     with pytest.raises(
         DynidentError,
-        match=r"The bodies trunk, ball all hang on the world; .* leave out of the file what is no part of it",
+        match=r"The bodies trunk, ball are all children of the world; .* leave out .* what is not a part of it",
     ):
         robot_from_description("leg", Description("mjcf", two.format(joint="<freejoint/>", key="")))
     carried = TREE.replace('<link name="trunk">', '<link name="world"/><link name="trunk">').replace(

@@ -188,7 +188,7 @@ def test_a_broken_trajectory_is_refused_with_the_sample(robot: Robot) -> None:
 
 
 def test_a_robot_without_inertial_parameters_says_what_it_needs(robot: Robot) -> None:
-    with pytest.raises(DynidentError, match="ten a link"):
+    with pytest.raises(DynidentError, match="ten per link"):
         VirtualRobot(replace(robot, inertias=None))
 
 

@@ -60,7 +60,7 @@ class Reason(ViewModel):
         "passed_over",
         "not_tried",
     ]
-    step: int | None = Field(description="Rank of the finding that it refers to; of a finding its own")
+    step: int | None = Field(description="Rank of the finding that it refers to; for a finding, its own rank")
     values: dict[str, float | str | None] = Field(description="Numbers and names that belong to the code")
     brief: str = Field(description="The reason in a few words")
     text: str = Field(description="The reason as a sentence")
@@ -82,7 +82,7 @@ class Outcome(ViewModel):
     shape_parameters: Annotated[dict[str, float], SourcePath("choice.shape")] = Field(default={})
     runs: Annotated[list[str], SourcePath("choice.runs")] = Field(default=[])
     error_drop: float | None = Field(
-        description="Share of the error on blocks left out of the fit that it removes beside all findings"
+        description="Share of the error on blocks left out of the fit that it removes in addition to all findings"
     )
     reason: Reason
 
@@ -90,7 +90,7 @@ class Outcome(ViewModel):
 class Candidate(ViewModel):
     """A family of effects with its best joints and shape constants.
 
-    Errors are relative, on blocks left out of the fit, of these joints, and beside everything that ranks above.
+    Errors are relative, on blocks left out of the fit, of these joints, after everything that ranks above was added.
     """
 
     rank: int
@@ -362,13 +362,13 @@ class Evidence(ViewModel):
     )
     count: list[int]
     explained: float | None = Field(
-        description="Share of the squared residual of this joint that the curve removes where it was fitted, beside "
-        "the model alone"
+        description="Share of the squared residual of this joint that the curve removes where it was fitted, when "
+        "it is added to the model alone"
     )
     error_drop: float | None = Field(
         default=None,
         description="What the effect explains, as in the ranking: share of the error of its joints on left-out blocks "
-        "that it removes beside everything that ranks above",
+        "that it removes after everything that ranks above it",
     )
 
 

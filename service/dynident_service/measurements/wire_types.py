@@ -108,7 +108,9 @@ class MeasurementResult(ViewModel):
     """The content of a recording."""
 
     sha256: str
-    under_way: bool = Field(default=False, description="Whether its rows still come; then nothing is known but these")
+    under_way: bool = Field(
+        default=False, description="Whether rows are still to come; until then only the joints are known"
+    )
     n_samples: int
     sampling_rate: float = Field(description="Hz, after resampling to a uniform grid")
     joints: list[str]
@@ -319,7 +321,7 @@ class LiveEstimateView(ViewModel):
     joints: list[str]
     error: list[float | None] | None = Field(description="Relative error of the torque left by the fit, by joint")
     predicted: list[float | None] | None = Field(
-        description="Relative error at which the estimate before predicted the newest rows, by joint"
+        description="Relative error with which the previous estimate predicted the newest rows, by joint"
     )
     stop: list[StopReasonView] = Field(description="Reasons to stop the robot; [] where the run is sound")
 
@@ -336,7 +338,7 @@ JSON_BODY = {
                         "import_id": {"type": "string", "description": "A file that was imported before"},
                         "under_way": {
                             "type": "boolean",
-                            "description": "true, instead of import_id: the rows come by PATCH …/rows",
+                            "description": "true, instead of import_id: the rows will be sent by PATCH …/rows",
                         },
                         "metadata": {"$ref": "#/components/schemas/MeasurementMetadata"},
                     },

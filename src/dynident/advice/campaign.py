@@ -447,7 +447,7 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             unloaded = ", also without the load" if state.request.goal == "payload" else ""
             return Decision(
                 "not_reachable",
-                f"What is left of time and runs brings {names[joint]} to {_word_share(state, float(at_end[joint]))}, "
+                f"In the remaining time and runs, {names[joint]} comes to {_word_share(state, float(at_end[joint]))}, "
                 f"not to {format_percent(goal)}; now it is {reached}. Give more minutes or runs{unloaded}, "
                 f"wider limits or a larger error.{remarks}",
             )
@@ -472,7 +472,7 @@ def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, e
         return measure.describe(state.identification.statistics.covariance)
     if goal == "effects":
         if not np.isfinite(error):
-            return f"{name} would have shown at no size on at least one joint"
+            return f"{name} would not have shown at any size on at least one joint"
         if error == 0.0:
             return f"{name} is found"
         return f"{name} would have shown from {format_percent(error)} of its usual size on every joint"

@@ -99,4 +99,4 @@ def _word_blind(blind: Sequence[DetectionLimit], joint_names: Sequence[str]) -> 
         f"{get_effect(effect).title}{f' on {join_joint_names(joints, joint_names, MANY_NAMES)}' if joints else ''}"
         for effect, joints in places.items()
     ]
-    return f"These effects would not have shown in their usual size: {'; '.join(texts)}."
+    return f"These effects would not have shown at their usual size: {'; '.join(texts)}."

@@ -81,8 +81,8 @@ class DecisionRules:
         "Below this, the data do not show the effect at all")
     least_reach: float = _declare_level(0.25, "-",
         "Share of a candidate's column that is independent of the model, times the t of its gain",
-        "The uncertainty of its parameter can cause a torque elsewhere, of one over this value times the removed "
-        "one", "smallest_gain")
+        "At this value, the uncertainty of its parameter can cause a torque elsewhere of four times the removed one",
+        "smallest_gain")
     least_drop_in_runs: float = _declare_level(0.5, "-",
         "Share of the squared error that an effect of some runs alone must remove",
         "The motions of two runs differ, too: parameters of one run alone compensate for what the model lacks")
@@ -128,7 +128,7 @@ class DecisionRules:
         "Shape constants between the values of the grid change a gain as much")
     equal_t: float = _declare_level(1.5, "-",
         "t of the difference below which another name is equivalent",
-        "One in fifteen by chance; without it a mass on a link that a spring would explain as well is named a spring")
+        "One in fifteen by chance; without it, a mass on a link is named a spring that explains as much")
     contends: float = _declare_level(0.7, "-",
         "Share of the chosen name's gain from which on a name is compared with finer constants",
         "A coarse constant costs up to a quarter of a gain; with 0.8, one of seven right names that gained less "

@@ -485,7 +485,7 @@ def _refuse_grouped(model: Model, name: str, column: int) -> NoReturn:
         f"{model.kept[row].name} = {model.base.groupings[row]}" for row in np.flatnonzero(model.base.written[:, column])
     ]
     shown = f"the motion shows it only in {'; '.join(sums)}" if sums else "no motion shows it"
-    remedy = "give known the value of the whole sum, or leave it out" if sums else "leave it out of known"
+    remedy = "state the value of the whole sum as known, or leave it out" if sums else "leave it out of known"
     raise DynidentError(
         f"{name} is not a parameter by itself: {shown}; {remedy}", pointer="/known", title="Grouped parameter"
     )

@@ -52,7 +52,7 @@ PriorName = str
 COVARIANCES = OneOf(
     Choice("by_time_and_joints", "all joints, over blocks of time", "All joints together, over blocks of time."),
     Choice("by_joint", "each joint, over time", "Each joint over time; joints are independent of each other."),
-    Choice("independent", "nothing", "Every row counts as an independent sample [12.6].", "nothing"),
+    Choice("independent", "no rows", "Every row counts as an independent sample [12.6].", "nothing"),
 )
 STEPS = OneOf(
     Choice("link_by_link", "link by link", "From the last link to the first [12.22]."),
@@ -336,7 +336,7 @@ class KnownLoad(Request):
     """A known load, from which drive gains are identified."""
 
     mass: float | None = declare_field(
-        "Mass of the known load, if the measurements do not state it",
+        "Mass of the known load, if the recordings do not state it",
         default=None,
         unit="kg",
         at_least=1e-6,

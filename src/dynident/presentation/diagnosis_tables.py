@@ -278,7 +278,7 @@ def _build_hidden_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Reported
             reasons = [*reasons[: _MOST_REASONS - 1], more]
         rows.append(make_text_cells(get_effect_title(effect), format_joints(places, joints), ", ".join(reasons)))
     notes = (
-        "The robot may have these effects: these data cannot show them in their usual size. “From a on, usual b”: the "
+        "The robot may have these effects: these data cannot show them at their usual size. “From a on (usual: b)”: the "
         "parameter would have shown from a on, and an arm with this effect has about b. “x % left”: only this share of "
         "its column is independent of the model. “Undetermined”: the data do not determine it together with the model "
         "and the findings.",
@@ -387,7 +387,7 @@ def _build_limit_map(diagnosis: Diagnosis, joints: Sequence[str]) -> ReportedTab
         "the size that it has on arms that have it. Blue: the usual size would have shown. Grey: no size would. Blank: "
         "found, in the model, or not possible on that joint."
     )
-    title = f"Detection limits ({seen} of {len(limits)} would have shown in their usual size)"
+    title = f"Detection limits ({seen} of {len(limits)} would have shown at their usual size)"
     notes = (note, *_note_common_effects(diagnosis))
     return ReportedTable(title, ("effect", *places), rows, notes=notes, name="limits_map")
 

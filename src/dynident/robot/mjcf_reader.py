@@ -334,9 +334,9 @@ def _find_root_body(compiled: mujoco.MjModel, kind: BaseKind, pointer: str) -> i
     if len(candidates) > 1 or len(moving) > 1:
         names = join_names(compiled.body(body).name for body in dict.fromkeys((*candidates, *moving)))
         reason = (
-            "a robot has only one base: leave out of the file what is no part of it, such as objects that it handles"
+            "a robot has only one base: leave out of the file what is not a part of it, such as objects that it handles"
         )
-        raise make_mjcf_error(f"The bodies {names} all hang on the world; {reason}.", None, pointer)
+        raise make_mjcf_error(f"The bodies {names} are all children of the world; {reason}.", None, pointer)
     return candidates[0]
 
 

@@ -329,7 +329,7 @@ def select_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
     chosen = robot.inertias if inertias is None else np.asarray(inertias, dtype=np.float64)
     if chosen is None:
         raise DynidentError(
-            f"the description of {robot.name} gives no inertial parameters; a virtual robot needs ten a link",
+            f"the description of {robot.name} gives no inertial parameters; a virtual robot needs ten per link",
             pointer="/parameters",
             title=_TITLE,
         )

@@ -120,7 +120,7 @@ class Sensors(Request):
         at_most=1000,
     )
     torque_noise_absolute: tuple[float, ...] | None = declare_field(
-        "Standard deviation of each joint, N m or N; replaces torque_noise",
+        "Standard deviation of each joint in N m or N, instead of a share of the limit",
         default=None,
         at_least=0,
         at_most=1e9,
@@ -152,7 +152,11 @@ class Session(Request):
         "Number of repetitions of the motion, one segment each", default=1, at_least=1, at_most=100
     )
     pause: float = declare_field(
-        "Time between two runs, in which the session's time continues", default=60.0, unit="s", at_least=0, at_most=1e7
+        "Pause between two runs; effects of time and temperature go on in it",
+        default=60.0,
+        unit="s",
+        at_least=0,
+        at_most=1e7,
     )
     warming: Warming | None = declare_field(
         "Records the joints' temperature; by default a typical warming if an effect needs it", default=None, option="-"

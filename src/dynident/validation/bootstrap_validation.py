@@ -193,7 +193,7 @@ def _judge_deviations(parameters: tuple[DrawnParameter, ...], result: Bootstrap,
         f"in {drawn} the standard deviations are {np.median(ratios):.2f} times those of the identification (median)"
     )
     if len(outside) <= _MOST_OUTSIDE * len(parameters):
-        few = f"; the small number of blocks does not explain: {_name_worst(outside)}" if outside else ""
+        few = f"; the small number of blocks does not explain those of {_name_worst(outside)}" if outside else ""
         return ValidationOutcome("pass", f"{middle[0].upper()}{middle[1:]}{few}.")
     return ValidationOutcome(
         "fail",

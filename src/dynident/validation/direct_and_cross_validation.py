@@ -171,7 +171,7 @@ def _compute_errors_by_recording(
     # Before the recordings are read, which may take minutes.
     check_value(LimitedTrial, "limit", limit)
     if not recordings:
-        raise DynidentError("give at least one measurement to validate on", pointer="/recordings")
+        raise DynidentError("give at least one recording to validate on", pointer="/recordings")
     recording_errors = []
     for index, recording in enumerate(recordings):
         share = scale_progress(progress, index / len(recordings), (index + 1) / len(recordings))

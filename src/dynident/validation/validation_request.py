@@ -238,7 +238,7 @@ class InertiaMatrix(Trial):
     of_model_alone = True
     takes_recordings = False
 
-    seed: int = declare_field("Seed of the random postures", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Seed of what is drawn at random", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: ValidationData) -> InertiaMatrixValidation:
         """Make the validation."""
@@ -256,7 +256,7 @@ class Payload(Trial):
     words = "A recording with a known load: does the model find its mass?"
 
     mass: float | None = declare_field(
-        "The known mass, if the measurements do not state it", default=None, unit="kg", at_least=1e-6, at_most=1e6
+        "The known mass, if the recordings do not state it", default=None, unit="kg", at_least=1e-6, at_most=1e6
     )
 
     def judge(self, tried: ValidationData) -> list[PayloadValidation]:

@@ -279,7 +279,7 @@ def _watch(
         if reasons:
             _end(process)
             words = " ".join(reason.detail for reason in reasons)
-            detail = f"{words} The command was ended; its rows are in {rows}. Mend it, and go on with the same command."
+            detail = f"{words} The command was ended; its rows are in {rows}. Correct this and repeat the command."
             raise DynidentError(detail, pointer="--execute", title="Run stopped")
 
 

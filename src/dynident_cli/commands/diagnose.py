@@ -35,7 +35,7 @@ def series(
     model: ModelArgument,
     days: Annotated[
         list[Path],
-        typer.Argument(metavar="RECORDING…", help="One file per day, in order.", show_default=False),
+        typer.Argument(metavar="RECORDING", help="One file per day, in order.", show_default=False),
         READABLE_FILE,
     ],
     reading: Reading,

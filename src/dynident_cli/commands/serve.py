@@ -119,7 +119,8 @@ DataDir = Annotated[
 
 
 def backup(
-    target: Annotated[Path, typer.Argument(help="A folder, or a file that ends in .zip.")], data_dir: DataDir = None
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="A folder, or a file that ends in .zip.")],
+    data_dir: DataDir = None,
 ) -> None:
     """Write everything that is stored to a folder or a ZIP.
 
@@ -132,7 +133,7 @@ def backup(
 
 
 def restore(
-    source: Annotated[Path, typer.Argument(help="The folder or ZIP that `dynident backup` wrote.")],
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="The folder or ZIP that `dynident backup` wrote.")],
     data_dir: DataDir = None,
 ) -> None:
     """Read a backup into an empty data directory. Unfinished jobs are queued again."""
@@ -144,8 +145,8 @@ def restore(
 
 
 def export_robot(
-    robot_id: Annotated[str, typer.Argument(help="Id of a robot in the service.")],
-    target: Annotated[Path, typer.Argument(help="The file to write, which ends in .zip.")],
+    robot_id: Annotated[str, typer.Argument(metavar="ROBOT_ID", help="Id of a robot in the service.")],
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="The file to write, which ends in .zip.")],
     data_dir: DataDir = None,
 ) -> None:
     """Write a robot with all that belongs to it to one file.
@@ -160,7 +161,7 @@ def export_robot(
 
 
 def import_robot(
-    source: Annotated[Path, typer.Argument(help="The file that `dynident export-robot` wrote.")],
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="The file that `dynident export-robot` wrote.")],
     data_dir: DataDir = None,
 ) -> None:
     """Read an exported robot with all that belongs to it. Ids stay; existing resources do not change."""

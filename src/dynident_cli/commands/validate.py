@@ -54,7 +54,7 @@ def validate(
     measurements: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[RECORDING]…",
+            metavar="RECORDING",
             help="direct, methods, filters: the identification recordings; cross: held-out recordings; simulation, "
             "drift: the motion to simulate; collision: held-out recordings without contacts; payload: recordings with "
             "the load.",

@@ -189,9 +189,10 @@ class Evidence(TypedDict):
     effort_unit: str
     error_drop: float | None
     """What the effect explains, as in the ranking: share of the error of its joints on left-out blocks that it removes
-    beside everything that ranks above"""
+    after everything that ranks above it"""
     explained: float | None
-    """Share of the squared residual of this joint that the curve removes where it was fitted, beside the model alone"""
+    """Share of the squared residual of this joint that the curve removes where it was fitted, when it is added to the
+    model alone"""
     fitted: list[float]
     """Mean change of the prediction by the effect, with all parameters fitted again"""
     joint: str
@@ -272,7 +273,7 @@ class Outcome(TypedDict):
 
     effect: str
     error_drop: float | None
-    """Share of the error on blocks left out of the fit that it removes beside all findings"""
+    """Share of the error on blocks left out of the fit that it removes in addition to all findings"""
     joints: list[str]
     reason: Reason
     runs: list[str]
@@ -307,7 +308,7 @@ class Reason(TypedDict):
         "not_tried",
     ]
     step: int | None
-    """Rank of the finding that it refers to; of a finding its own"""
+    """Rank of the finding that it refers to; for a finding, its own rank"""
     text: str
     """The reason as a sentence"""
     values: dict[str, float | str | None]

@@ -414,7 +414,7 @@ def find_contacts(comparison: Comparison, limits: Sequence[JointLimits]) -> list
             worst = float(excess[k : k + _CONTACT_ROWS, j].max())
             detail = (
                 f"From {comparison.t[k]:.2f} s on, the torque of {name} is {worst:.3g} "
-                f"{comparison.units[j]} off what the model of the runs before predicts: did it touch something?"
+                f"{comparison.units[j]} off what the model of the earlier runs predicts: did it touch something?"
             )
             contacts.append((comparison.t[k], StopReason("contact", name, detail)))
     return [reason for _, reason in sorted(contacts, key=lambda contact: contact[0])]

@@ -100,9 +100,9 @@ def _build_invisible(limit: DetectionLimit) -> Invisible:
     unit = "" if limit.unit == "-" else f" {limit.unit}"
     usual = f"an arm with this effect has about {limit.usual:.2g}{unit}"
     if not math.isfinite(limit.size):
-        return Invisible(limit.effect, limit.joints, f"these data would show it in no size; {usual}", "in no size")
+        return Invisible(limit.effect, limit.joints, f"these data would not show it at any size; {usual}", "at no size")
     shown = f"{limit.parameter} would have shown from {limit.size:.2g}{unit} on"
-    brief = f"{limit.parameter}: from {limit.size:.2g} on, usual {limit.usual:.2g}{unit}"
+    brief = f"{limit.parameter}: from {limit.size:.2g} on (usual: {limit.usual:.2g}{unit})"
     return Invisible(limit.effect, limit.joints, f"{shown}; {usual}", brief)
 
 

@@ -74,7 +74,7 @@ class CriterionChoice(Request):
         "|Z| of [12.15] by parameter, to which variances are relative; by default the value of the robot's description",
         made_by=dict,
     )
-    parameters: tuple[str, ...] = declare_field("For parameters: the parameters whose variances count", default=())
+    parameters: tuple[str, ...] = declare_field("For the criterion parameters: those whose variances count", default=())
     effects: tuple[EffectChoice, ...] = declare_field(
         "For separation: the effects to distinguish from the rest of the model and from each other",
         default=(),

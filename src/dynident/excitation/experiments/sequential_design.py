@@ -229,7 +229,7 @@ def _note_not_shown(task: DesignTask, valued: MotionValues) -> list[str]:
     if task.request.trajectory.sets != "vandanjon":
         note += (
             " Their joints never move together with the joints that would determine them; choose the set "
-            "'vandanjon', or give a run of all joints as an earlier measurement."
+            "'vandanjon', or give a run of all joints as an earlier recording."
         )
     return [note]
 

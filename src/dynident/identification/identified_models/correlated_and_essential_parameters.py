@@ -426,7 +426,7 @@ def _check_same_knowledge(larger: Identification, smaller: Identification) -> No
     # Its usual error counts for nothing without the description.
     if others or (priors[0] != priors[1] and any(prior.prior for prior in priors)):
         reason = (
-            f"know different values or errors of {', '.join(others)}"
+            f"have different known values or errors of {', '.join(others)}"
             if others
             else "use the description in different ways"
         )

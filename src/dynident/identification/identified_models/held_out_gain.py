@@ -415,9 +415,9 @@ def _describe_other_friction(identification: Identification, residual: _HeldOutR
         if own
     ]
     return (
-        f"friction is another in the validation recording ({', '.join(shares)}, the median over the joints), and "
-        "nothing else of it, as where the drives are warmer or colder. Record both at the same temperature, or the fit "
-        "from cold to warm: what it says of a few degrees holds for these alone."
+        f"only friction differs in the validation recording ({', '.join(shares)}, the median over the joints), as if "
+        "the drives were warmer or colder. Make both recordings at the same temperature, or record the fit from cold "
+        "to warm: a fit over a few degrees holds only for these."
     )
 
 
@@ -437,7 +437,7 @@ def describe_temperatures(recordings: Sequence[Recording], validation: Sequence[
         return ()
     return (
         f"The joints have {held_low:.0f} to {held_high:.0f} degC in the validation data and {low:.0f} to {high:.0f} in "
-        "the fit: their friction is another there, and the fit does not show how it depends on temperature.",
+        "the fit: their friction differs there, and the fit does not show how it depends on temperature.",
     )
 
 

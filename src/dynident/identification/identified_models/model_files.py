@@ -181,7 +181,7 @@ def from_bytes(content: bytes) -> Identification:
         raise
     except Exception as error:  # what damaged bytes raise is no closed list: zip, zlib, numpy, json, missing keys
         raise DynidentError(
-            "this is no file of a model that this version can read; give a file that an identification wrote",
+            "this is not a model file that this version can read; give a file that an identification wrote",
             title="Unreadable model",
         ) from error
 

@@ -314,7 +314,7 @@ def compute_friction(estimate: Estimate, q: FloatArray, dq: FloatArray, ddq: Flo
         if effect.is_friction and (effect.needs_temperature or effect.needs_session or choice.runs):
             raise DynidentError(
                 f"{choice.effect} depends on more than the motion (time of the session, temperature or run): its "
-                "friction is no function of position and velocity",
+                "friction is not a function of position and velocity",
                 pointer="/effects",
             )
     entries = observation.evaluate(
