@@ -12,12 +12,16 @@ from dynident.estimation import (
     FactorAccumulator,
     Reduction,
     compute_correlation_factor,
+    compute_pooled_statistics,
     qr_decomposition,
     solve_ordinary,
     statistics,
 )
-from dynident.estimation.parameter_covariance import select_fits
-from dynident.estimation.residual_correlation import compute_correlation_factors, count_correlation_freedom
+from dynident.estimation.residual_correlation import (
+    compute_correlation_factors,
+    count_correlation_freedom,
+    select_fits,
+)
 
 P, M, RATE = 5, 6000, 50.0
 
@@ -36,7 +40,14 @@ def reduced(w: np.ndarray, y: np.ndarray, block_length: float = 2.0) -> Reductio
 
 def factor_of(w: np.ndarray, y: np.ndarray, block_length: float = 2.0) -> float:
     reduction = reduced(w, y, block_length)
-    return compute_correlation_factor(reduction.equations[0], solve_ordinary(reduction).values)
+    return float(compute_correlation_factors(reduction, solve_ordinary(reduction))[0])
+
+
+def count_own_freedom(w: np.ndarray, block_length: float = 2.0) -> float:
+    """Degrees of freedom of the factor of a fit to these rows alone."""
+    reduction = reduced(w, w @ np.ones(P), block_length)
+    inverse = solve_ordinary(reduction).normal_inverse
+    return count_correlation_freedom(reduction.equations[0], inverse)
 
 
 def many(column_pole: float, residual_pole: float, runs: int = 60, block_length: float = 2.0) -> np.ndarray:
@@ -94,7 +105,7 @@ def test_effective_rows_are_the_rows_over_the_factor():
     w = smooth(rng, (M, P), 0.9)
     reduction = reduced(w, w @ np.ones(P) + smooth(rng, (M, 1), 0.9)[:, 0])
     solution = solve_ordinary(reduction)
-    factor = compute_correlation_factor(reduction.equations[0], solution.values)
+    (factor,) = compute_correlation_factors(reduction, solution)
     assert statistics(reduction, solution).effective_rows[0] == pytest.approx(M / factor)
 
 
@@ -109,22 +120,23 @@ def test_neither_units_nor_the_order_of_stretches_change_the_factor(seed, scales
     rng = np.random.default_rng(seed)
     w = smooth(rng, (M, P), 0.9)
     y = w @ np.ones(P) + smooth(rng, (M, 1), 0.8)[:, 0]
-    plain = factor_of(w, y)
-    reduction = reduced(w * scales, gain * y).select_blocks(order)
-    assert compute_correlation_factor(reduction.equations[0], solve_ordinary(reduction).values) == pytest.approx(
-        plain, rel=1e-6
-    )
+    found = []
+    for reduction in (reduced(w, y), reduced(w * scales, gain * y).select_blocks(order)):
+        solution = solve_ordinary(reduction)
+        (fit,) = select_fits(reduction, solution)
+        found.append(compute_correlation_factor(reduction.equations[0], solution.values, fit))
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
 
 
 def test_the_factor_scatters_as_its_degrees_of_freedom_say():
     rng = np.random.default_rng(6)
     w = smooth(rng, (1000, P), 0.9)
     found = [factor_of(w, w @ np.ones(P) + smooth(rng, (1000, 1), 0.8)[:, 0]) for _ in range(200)]
-    freedom = count_correlation_freedom(reduced(w, w @ np.ones(P)).equations[0])
+    freedom = count_own_freedom(w)
     # Ten blocks of five columns have at most 45.
     assert 15.0 < freedom < 45.0
     assert np.log(found).std() == pytest.approx(np.sqrt(2.0 / freedom), rel=0.25)
-    assert count_correlation_freedom(reduced(w[:100], w[:100, 0], block_length=0.6).equations[0]) == 1.0
+    assert count_own_freedom(w[:100], block_length=0.6) == 1.0
 
 
 def test_equations_that_share_their_parameters_lose_less_to_the_fit_than_each_to_one_of_its_own():
@@ -140,10 +152,16 @@ def test_equations_that_share_their_parameters_lose_less_to_the_fit_than_each_to
         reduction = accumulator.finish()
         solution = solve_ordinary(reduction)
         fits = select_fits(reduction, solution)
-        taken_alone.append(compute_correlation_factors(reduction, solution.values))
-        together.append(compute_correlation_factors(reduction, solution.values, fits))
+        taken_alone.append(
+            [
+                compute_correlation_factor(e, solution.values, np.linalg.inv(r.T @ r))
+                for e in reduction.equations
+                for r in [e.whole_factor[:, :-1]]
+            ]
+        )
+        together.append(compute_correlation_factors(reduction, solution))
         freedom += [count_correlation_freedom(e, fit) for e, fit in zip(reduction.equations, fits, strict=True)]
-        certainty = statistics(reduction, solution, "by_joint")
+        certainty = compute_pooled_statistics(reduction, solution)
         np.testing.assert_allclose(certainty.effective_rows, m / together[-1])
         promised.append(certainty.standard_deviations)
         found.append(solution.values)
@@ -176,8 +194,9 @@ def test_a_column_that_an_equation_hardly_sees_does_no_harm():
     accumulator = FactorAccumulator([np.arange(P + 1)], P + 1, 2.0)
     accumulator.push(np.arange(M) / RATE, [np.column_stack([wide, y])])
     equation = accumulator.finish().equations[0]
-    values = np.append(solve_ordinary(reduced(w, y)).values, 7.0)
-    assert compute_correlation_factor(equation, values) == pytest.approx(plain, rel=1e-6)
+    alone = solve_ordinary(reduced(w, y))
+    values, fit = np.append(alone.values, 7.0), np.pad(alone.normal_inverse, [(0, 1), (0, 1)])
+    assert compute_correlation_factor(equation, values, fit) == pytest.approx(plain, rel=1e-6)
 
 
 def test_columns_are_whitened_as_by_singular_values(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,5 +210,5 @@ def test_columns_are_whitened_as_by_singular_values(monkeypatch: pytest.MonkeyPa
     for found in (inverted, by_singular_values):
         flat = found.rows.reshape(-1, P)
         np.testing.assert_allclose(flat.T @ flat, np.eye(P), atol=1e-10)
-    assert inverted.spread == pytest.approx(by_singular_values.spread, rel=1e-10)
+    assert np.trace(inverted.squares) == pytest.approx(np.trace(by_singular_values.squares), rel=1e-10)
     assert not np.allclose(inverted.rows, by_singular_values.rows)
