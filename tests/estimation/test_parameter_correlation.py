@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.estimation import FactorAccumulator, solve_ordinary
+from dynident.estimation import FactorAccumulator, compute_pooled_statistics, solve_ordinary
 from dynident.estimation.parameter_correlation import Collinearity, find_collinearity
 
 M = 2000

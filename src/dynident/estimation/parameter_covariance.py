@@ -171,6 +171,12 @@ def estimate_cluster_covariance(
     return ClusterCovariance(0.5 * (covariance + covariance.T), freedom)
 
 
+def count_clusters(reduction: Reduction, kind: CovarianceName) -> int:
+    """Return the number of blocks with rows, by joint that of the equation with the fewest."""
+    parts = list_clusters(reduction, np.ones(len(reduction.equations)), kind)
+    return min((int(find_occupied_blocks(part).sum()) for part, _ in parts), default=0)
+
+
 def find_occupied_blocks(reduction: Reduction) -> BoolArray:
     """Return (s,): which blocks of time have any row in them; the others are empty."""
     counts = [equation.counts for equation in reduction.equations if len(equation.counts)]
@@ -417,7 +423,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
         Covariance, effective numbers of rows, noise and degrees of freedom.
     """
     joined = join_dependent_blocks(reduction, solution)
-    if kind == "independent" or find_occupied_blocks(joined).sum() < FEWEST_BLOCKS:
+    if kind == "independent" or count_clusters(joined, kind) < FEWEST_BLOCKS:
         return compute_pooled_statistics(reduction, solution, is_independent=kind == "independent")
     spread = estimate_cluster_covariance(joined, solution, kind)
     worth = count_effective_rows(joined, solution)

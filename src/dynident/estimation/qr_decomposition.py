@@ -83,7 +83,9 @@ def whiten_columns(w: FloatArray, factor: FloatArray, observed: FloatArray | Non
         None where all columns are zero.
     """
     k = factor.shape[1]
-    if len(factor) >= k > 0 and lapack.dtrcon(factor[:k])[0] > _REGULAR:
+    if not k:
+        return None
+    if len(factor) >= k and lapack.dtrcon(factor[:k])[0] > _REGULAR:
         rows, coordinates = w @ lapack.dtrtri(factor[:k])[0], factor[:k]
     else:
         _, singular, vt = np.linalg.svd(factor, full_matrices=False)

@@ -35,9 +35,8 @@ from dynident.estimation import (
 )
 from dynident.estimation.parameter_covariance import (
     CovarianceName,
-    compute_scores,
+    count_clusters,
     estimate_cluster_covariance,
-    find_occupied_blocks,
 )
 from dynident.estimation.residual_correlation import FEWEST_BLOCKS, compute_rests, join_dependent_blocks
 from dynident.identification.equations.reduced_recordings import Data
@@ -60,25 +59,28 @@ the global strategy."""
 
 @dataclass(frozen=True, eq=False)
 class ErrorSource:
-    """Rows of one step, and how the errors of estimates depend on them.
+    """What one step's rows have to do with the errors of estimates.
 
     Parameters
     ----------
+    gain : (m, k)
+        Errors of the functions that are known, for the rows' scores Wᵀρ / noise² (c,), or for errors whose
+        `covariance` (k, k) is known.
     equations : Reduction
         The rows.
     noise : (n,)
         What they were weighted by.
-    gain : (m, c)
-        Errors of the functions that are known, for the rows' scores Wᵀρ / noise² (c,).
+    covariance : (k, k), optional
+        For rows that share no blocks of time with the others: of the functions that they gave.
+    freedom : float
+        Degrees of freedom that this covariance is known with, at least.
     """
 
+    gain: FloatArray
     equations: Reduction
     noise: FloatArray
-    gain: FloatArray
-
-    def compute_moves(self, part: Reduction, values: FloatArray) -> FloatArray:
-        """Return how far each block of these rows, or of them joined, moves the functions (s, m)."""
-        return compute_scores(part, self.noise, values) @ self.gain.T
+    covariance: FloatArray | None = None
+    freedom: float = _SURE
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +134,9 @@ class StepEstimates:
 
     def add_estimates(self, new: StepEstimates, cross: FloatArray, gain: FloatArray) -> StepEstimates:
         """Add what a step found: k functions, their covariance and gain (k, m) with the m earlier estimates."""
-        m, c = self.functions.shape
+        m = len(self.values)
         earlier = (replace(source, gain=np.vstack([source.gain, gain @ source.gain])) for source in self.sources)
-        own = (replace(source, gain=np.vstack([np.zeros((m, c)), source.gain])) for source in new.sources)
+        own = (replace(source, gain=np.pad(source.gain, [(m, 0), (0, 0)])) for source in new.sources)
         return StepEstimates(
             np.vstack([self.functions, new.functions]),
             np.concatenate([self.values, new.values]),
@@ -200,7 +202,9 @@ def take_step(
     coordinates = np.linalg.pinv(whole) / split.scale[:, None]
     changed = equations.combine_columns(coordinates)
     data, known = replace(problem.data, equations=changed), findings.to_information(m + k)
-    fit = estimator.solve(replace(problem, data=data, known=known))
+    is_shared = np.array_equal(equations.spans, problem.data.equations.spans)
+    kind = problem.covariance if is_shared or problem.covariance == "independent" else "by_joint"
+    fit = estimator.solve(replace(problem, data=data, known=known, covariance=kind))
     new, solution = slice(m, m + n_found), fit.solution
     # Later steps take this covariance as a measurement error, so it has to have full rank. A covariance from a few
     # blocks of time would not.
@@ -210,7 +214,12 @@ def take_step(
     # standard deviation; FᵀF is the inverse of its covariance.
     moves = solution.normal_inverse[new]
     gain = np.zeros((n_found, m)) if known is None else (moves @ known.factor.T @ known.factor)[:, :m]
-    source = ErrorSource(equations, solution.noise, moves @ coordinates.T)
+    if is_shared:
+        source = ErrorSource(moves @ coordinates.T, equations, solution.noise)
+    else:
+        own = fit.statistics
+        freedom = float(own.freedom[new].min())
+        source = ErrorSource(np.eye(n_found), equations, solution.noise, own.covariance[new, new], freedom)
     found = StepEstimates(split.functions[:n_found], solution.values[new], covariance, (source,))
     return Step(findings.add_estimates(found, moves[:, :m], gain), fit)
 
@@ -254,7 +263,7 @@ def conclude_steps(
     solution = replace(describe_fit(equations, values), converged=all(fit.solution.converged for fit in fits))
     worth = count_effective_rows(equations, solution)
     statistics = Statistics(pooled, worth, solution.noise, compute_row_freedom(worth, len(values)))
-    if covariance != "independent" and find_occupied_blocks(equations).sum() >= FEWEST_BLOCKS:
+    if covariance != "independent" and count_clusters(equations, covariance) >= FEWEST_BLOCKS:
         statistics = _replace_by_spread(statistics, equations, solution, findings, covariance)
     return Fit(solution, statistics, (*warnings, *(warning for fit in fits for warning in fit.warnings)))
 
@@ -266,17 +275,17 @@ def _replace_by_spread(
     joined = join_dependent_blocks(equations, solution)
     # In coordinates in which the normal equations of all rows are one, as `estimate_cluster_covariance` takes scores.
     to_scores = np.linalg.inv(solution.root).T
-    maps, apart = {}, np.zeros((equations.n_columns, equations.n_columns))
+    maps, apart, doubt = {}, np.zeros((equations.n_columns, equations.n_columns)), np.zeros(equations.n_columns)
     for source in findings.sources:
         moves = findings.inverse @ source.gain
-        if np.array_equal(source.equations.spans, equations.spans):
-            for equation, own, sigma in zip(joined.equations, source.equations.equations, source.noise, strict=True):
-                if len(own.counts):
-                    maps[id(equation)] = moves.T @ to_scores / sigma**2
-        else:
-            # Runs of single joints have blocks of their own, so many that none has a leverage.
-            steps = compute_scores(source.equations, source.noise, solution.values) @ moves.T
-            apart += steps.T @ steps
+        if source.covariance is not None:
+            part = moves @ source.covariance @ moves.T
+            apart += part
+            doubt += np.diag(part) ** 2 / source.freedom
+            continue
+        for equation, own, sigma in zip(joined.equations, source.equations.equations, source.noise, strict=True):
+            if len(own.counts):
+                maps[id(equation)] = moves.T @ to_scores / sigma**2
 
     def compute_step_scores(part: Reduction, _: FloatArray) -> FloatArray:
         scores = np.zeros((part.n_blocks, equations.n_columns))
@@ -288,10 +297,10 @@ def _replace_by_spread(
 
     spread = estimate_cluster_covariance(joined, solution, kind, compute_step_scores)
     covariance = spread.covariance + apart
-    # Of a sum of variances (Welch), of which the second is known well.
-    own, both = np.diag(spread.covariance), np.diag(covariance)
-    freedom = spread.freedom * (both / np.maximum(own, np.finfo(float).tiny)) ** 2
-    return replace(pooled, covariance=covariance, freedom=np.minimum(freedom, _SURE))
+    # Of a sum of variances (Welch).
+    doubt += np.diag(spread.covariance) ** 2 / spread.freedom
+    freedom = np.diag(covariance) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
+    return replace(pooled, covariance=covariance, freedom=np.clip(freedom, 1.0, _SURE))
 
 
 @dataclass(frozen=True, eq=False)
