@@ -2,6 +2,7 @@
 
 python benchmarks/interval_coverage.py [recordings [estimator]]
 python benchmarks/interval_coverage.py shapes [recordings]
+python benchmarks/interval_coverage.py slow [recordings [first seed]]
 
 Torque of Pinocchio along another random motion each time, white torque noise of 1 % of the largest torque, encoders of
 2^17 counts a turn that are one count unsteady; filters are chosen from the data as for a user. Then the same with
@@ -13,6 +14,10 @@ joints for independent, and those that count every filtered sample.
 told with the shapes taken for certain. Three joints each have Stribeck friction, a power of the speed, presliding or a
 ripple; another case is a counterbalance on the second. Constants are found as for a user: searched for, or refined from
 a line of the residual's spectrum.
+
+`slow`: residuals of each joint that wander by themselves (first-order autoregressive, of 0 to 1.5 s memory, 1 % of the
+largest torque), on an arm of two joints and on one of six, by every strategy and estimator, which no block of time is
+long against.
 """
 
 from __future__ import annotations
@@ -38,7 +43,7 @@ from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model_structure import build_model
 from dynident.regressors.observation_matrix import RegressorInputs
-from dynident.robot import robot_from_library, to_pinocchio
+from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
 DURATION, RATE = 20.0, 200.0
@@ -108,8 +113,8 @@ HIDDEN = (
 class VirtualArm:
     """An arm with drawn rotors and friction, and what measures it."""
 
-    def __init__(self, name: str = "ur10", seed: int = 0) -> None:
-        self.robot = robot_from_library(name)
+    def __init__(self, robot: Robot | None = None, seed: int = 0) -> None:
+        self.robot = robot or robot_from_library("ur10")
         self._model = to_pinocchio(self.robot)
         self._data = self._model.createData()
         self.drives = np.random.default_rng(seed).uniform(0.5, 5.0, (4, self.robot.n))
@@ -124,9 +129,7 @@ class VirtualArm:
         """A recording of another motion with another noise for every seed, and a force with so long a memory (s)."""
         rng = np.random.default_rng([7, seed])
         q, dq, ddq = self.motion(rng)
-        ia, fc, fv, b = self.drives
-        rigid = np.array([pinocchio.rnea(self._model, self._data, *rows) for rows in zip(q, dq, ddq, strict=True)])
-        tau = rigid + ia * ddq + fc * np.sign(dq) + fv * dq + b
+        tau = self.compute_torque(q, dq, ddq)
         if hidden is not None:
             for joint in hidden.joints:
                 tau[:, joint] += hidden.torque(q[:, joint], dq[:, joint])
@@ -136,6 +139,12 @@ class VirtualArm:
         counts = np.round(q / COUNT + rng.standard_normal(q.shape))
         t = np.arange(len(q)) / RATE
         return recording_from_arrays(t, COUNT * counts, tau, joint_names=self.robot.joint_names, name=f"run {seed}")
+
+    def compute_torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """Torque (m, n) of a motion."""
+        ia, fc, fv, b = self.drives
+        rigid = np.array([pinocchio.rnea(self._model, self._data, *rows) for rows in zip(q, dq, ddq, strict=True)])
+        return np.asarray(rigid + ia * ddq + fc * np.sign(dq) + fv * dq + b)
 
     def _disturbed(self, q: FloatArray, memory: float, rng: np.random.Generator) -> FloatArray:
         """(m, n): torque of a wandering force and moment at the flange."""
@@ -294,6 +303,102 @@ def _shares(found: Mapping[str, Sequence[bool]]) -> dict[str, float]:
     return {name: float(np.mean(own)) if own else float("nan") for name, own in found.items()}
 
 
+SLOW = (0.0, 0.1, 0.5, 1.5)
+"""Memories of wandering residuals, s; blocks of 20 s of data are 1 s long."""
+WAYS: tuple[Mapping[str, str], ...] = (
+    {"estimator": "wls"},
+    {"estimator": "ols"},
+    {"estimator": "irls"},
+    {"estimator": "feasible"},
+    {"estimator": "iv"},
+    {"estimator": "didim"},
+    {"estimator": "ekf"},
+    {"strategy": "sequential", "steps": "link_by_link"},
+    {"strategy": "sequential", "steps": "wrist_then_shoulder"},
+    {"strategy": "separate_friction"},
+)
+"""Choices that estimate differently."""
+
+
+def build_two_joints() -> Robot:
+    """Return an arm of two joints: one turns about a vertical axis, the other about a horizontal one behind it."""
+    link = """<link name="link{0}"><inertial><origin xyz="0.12 0.02 0.05"/><mass value="{1}"/>
+    <inertia ixx="0.03" iyy="0.05" izz="0.04" ixy="0.002" ixz="0" iyz="0.001"/></inertial></link>"""
+    joint = """<joint name="joint{0}" type="revolute"><parent link="{1}"/><child link="link{0}"/>
+    <origin xyz="0.2 0 0.1"/><axis xyz="{2}"/><limit lower="-3" upper="3" velocity="3" effort="100"/></joint>"""
+    parts = [link.format(1, 6.0), link.format(2, 3.0), joint.format(1, "base", "0 0 1")]
+    parts += [joint.format(2, "link1", "0 1 0"), '<link name="base"/>']
+    return robot_from_urdf("two joints", f'<robot name="two">{"".join(parts)}</robot>')
+
+
+def build_stroke(robot: Robot, joint: int) -> FloatArray:
+    """Return positions (m, n) of one joint alone at constant speeds, for the strategy that begins with friction."""
+    speeds = np.repeat([0.1, 0.3, 0.6, -0.6, -0.3, -0.1], round(1.5 * RATE))
+    q = np.tile(np.linspace(0.4, -0.4, robot.n), (len(speeds), 1))
+    q[:, joint] += np.cumsum(speeds) / RATE
+    return q
+
+
+def wander(rng: np.random.Generator, size: FloatArray, rows: int, memory: float) -> FloatArray:
+    """Return stationary first-order autoregressive noise (rows, n) of the standard deviation `size` (n,)."""
+    keep = np.exp(-1.0 / (RATE * memory)) if memory > 0 else 0.0
+    first = round(5 * memory * RATE)
+    white = rng.standard_normal((rows + first, len(size)))
+    return size * lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0)[first:]
+
+
+def study_slow(
+    arm: VirtualArm, way: Mapping[str, str], memory: float, recordings: int, first: int = 0
+) -> Mapping[str, float]:
+    """Return the shares of intervals that hold the truth, by class of parameter, of one motion with other residuals."""
+    robot, names = arm.robot, arm.robot.joint_names
+    model = build_model(robot, EFFECTS)
+    truth = model.base.grouping @ arm.standard
+    q, dq, ddq = arm.motion(np.random.default_rng([7, 1]))
+    runs = [("test", q, arm.compute_torque(q, dq, ddq))]
+    if way.get("strategy") == "separate_friction":
+        for joint in range(robot.n):
+            stroke = build_stroke(robot, joint)
+            speed = np.gradient(stroke, 1.0 / RATE, axis=0)
+            runs.append(("friction", stroke, arm.compute_torque(stroke, speed, 0.0 * stroke)))
+    size = TORQUE_NOISE * np.abs(runs[0][2]).max(axis=0)
+    held = []
+    for seed in range(first, first + recordings):
+        rng = np.random.default_rng([9, seed])
+        made = [
+            replace(
+                recording_from_arrays(
+                    np.arange(len(q)) / RATE, q, tau + wander(rng, size, len(q), memory), joint_names=names,
+                    name=f"run {k}",
+                ),
+                role=role,
+            )
+            for k, (role, q, tau) in enumerate(runs)
+        ]  # fmt: skip
+        filters = choose_preprocessing(made[:1])
+        choices = IdentificationChoices(effects=EFFECTS, preprocessing=filters, **way)
+        found = identify(robot, made, [], choices)
+        held.append(np.abs(found.values - truth) <= found.statistics.half_widths())
+    classes, hits = np.array([class_of(column) for column in model.kept]), np.array(held)
+    return {"all": float(hits.mean())} | {
+        name: float(hits[:, classes == name].mean()) for name in dict.fromkeys(classes)
+    }
+
+
+def main_of_slow(recordings: int, first: int) -> None:
+    for robot in (build_two_joints(), robot_from_library("ur10")):
+        arm = VirtualArm(robot)
+        for way in WAYS:
+            for memory in SLOW:
+                begun = time.process_time()
+                shares = study_slow(arm, way, memory, recordings, first)
+                words = ", ".join(f"{name} {share:.1%}" for name, share in shares.items())
+                spent = time.process_time() - begun
+                print(
+                    f"{robot.name}, {' '.join(way.values())}, memory {memory:g} s: {words} ({spent:.0f} s)", flush=True
+                )
+
+
 def main_of_shapes(recordings: int) -> None:
     for hidden in HIDDEN:
         for memory in (None, MEMORIES[0]):
@@ -315,6 +420,9 @@ def main_of_shapes(recordings: int) -> None:
 def main() -> None:
     if sys.argv[1:2] == ["shapes"]:
         main_of_shapes(int(sys.argv[2]) if len(sys.argv) > 2 else 100)
+        return
+    if sys.argv[1:2] == ["slow"]:
+        main_of_slow(*(int(word) for word in (*sys.argv[2:], "200", "0")[:2]))
         return
     recordings = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     estimator = sys.argv[2] if len(sys.argv) > 2 else "wls"

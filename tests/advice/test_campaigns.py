@@ -31,7 +31,7 @@ from dynident.advice.prediction_error import (
     predict_errors,
 )
 from dynident.diagnosis import diagnose
-from dynident.estimation.parameter_covariance import compute_sandwich_covariance
+from dynident.estimation.residual_correlation import compute_sandwich_covariance
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values

@@ -89,7 +89,7 @@ def test_a_constant_that_no_row_tells_of_is_as_uncertain_as_its_range():
 def test_rows_are_worth_as_much_as_in_the_columns_of_the_parameters_alone(monkeypatch):
     data = Decay(5)
     best, solution = estimated(data)
-    expected = compute_correlated_noise(data.reduction(best, shaped=False), solution.values)
+    expected = compute_correlated_noise(data.reduction(best, shaped=False), solution)
     # Without columns that are made triangular again, which takes as long as all the rest.
     monkeypatch.delattr(Reduction, "select_columns")
     found = linearise_constants(data.reduction(best), solution, WIDE, "by_time_and_joints")

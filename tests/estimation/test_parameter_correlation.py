@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.estimation import FactorAccumulator, solve_ordinary, statistics
+from dynident.estimation import FactorAccumulator, compute_pooled_statistics, solve_ordinary
 from dynident.estimation.parameter_correlation import Collinearity, find_collinearity
 
 M = 2000
@@ -20,7 +20,7 @@ def found(w: np.ndarray, **more) -> Collinearity:
     accumulator.push(np.arange(M) / 50.0, [np.column_stack([w, y])])
     reduction = accumulator.finish()
     solution = solve_ordinary(reduction)
-    return find_collinearity(solution, statistics(reduction, solution, "by_joint"), **more)
+    return find_collinearity(solution, compute_pooled_statistics(reduction, solution), **more)
 
 
 def columns(share: float, seed: int = 0) -> np.ndarray:

@@ -107,6 +107,15 @@ def test_effects_added_together_take_one_pass_and_give_what_identifying_at_once_
     np.testing.assert_allclose(grown.statistics.standard_deviations, whole.statistics.standard_deviations, rtol=1e-7)
 
 
+def test_new_columns_go_behind_cached_ones_however_either_was_cut(monkeypatch):
+    # Of a robot with many joints a model's columns are filtered in more pieces than those of one effect.
+    model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
+    plain = extend(model, STEPS[0], RUNS, HELD_OUT)
+    monkeypatch.setattr("dynident.recordings.low_pass_decimation._NUMBERS_AT_ONCE", 30_000)
+    cut = extend(identify(ROBOT, RUNS, HELD_OUT, CHOICES), STEPS[0], RUNS, HELD_OUT)
+    np.testing.assert_allclose(cut.values, plain.values, rtol=1e-8, atol=1e-9)
+
+
 SPRING = EffectChoice("joint_spring", NAMES[:3])
 LOAD = EffectChoice("load_dependent_friction", NAMES[:3])
 STRIBECK = EffectChoice("stribeck", (NAMES[0],), (("vs", 0.1), ("delta", 2.0)))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
-from dynident.estimation import build_weighted_factor, compute_errors, statistics
+from dynident.estimation import build_weighted_factor, compute_errors, compute_pooled_statistics
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.estimation_problem import Problem
 from dynident.identification.estimators.feasible import solve_feasible
@@ -117,7 +117,8 @@ def test_friction_that_drives_the_motion_is_held_at_zero_and_named():
 def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():
     found = identified(0.05, 20.0, friction=-0.5)
     free = replace(found.estimate.solution, free=None)
-    limited, unlimited = (statistics(found.data.equations, one, "by_joint") for one in (found.estimate.solution, free))
+    solutions = (found.estimate.solution, free)
+    limited, unlimited = (compute_pooled_statistics(found.data.equations, one) for one in solutions)
     held = np.array([p.effect == "coulomb" for p in found.parameters])
     assert (found.statistics.standard_deviations[held] < 1e-9).all()
     assert (unlimited.standard_deviations[held] > 1e-4).all()

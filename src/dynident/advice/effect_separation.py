@@ -207,12 +207,13 @@ def compute_row_weights(rows: DataRows) -> FloatArray:
         known = rows.compute_normal_equations(1.0 / noise)
         rest = rows.residual - rows.w @ _solve_scaled(known.matrix, known.right)
         noise = floor_noise(np.sqrt((rest**2).sum(axis=0) / freedom))
-    overstated = np.array([_compute_overstatement(rows, rest, j) for j in range(n)])
+    inverse = _solve_scaled(known.matrix, np.eye(b))
+    overstated = np.array([_compute_overstatement(rows, rest, j, inverse / noise[j] ** 2) for j in range(n)])
     # Correlated residuals make rows worth less than their number says; a larger noise takes that into account.
     return np.asarray(1.0 / (noise * np.sqrt(overstated * rows.share)))
 
 
-def _compute_overstatement(rows: DataRows, rest: FloatArray, joint: int) -> float:
+def _compute_overstatement(rows: DataRows, rest: FloatArray, joint: int, fit: FloatArray) -> float:
     """Return by how much these rows of a joint overstate the information in them, at least 1."""
     starts = [
         start
@@ -225,9 +226,8 @@ def _compute_overstatement(rows: DataRows, rest: FloatArray, joint: int) -> floa
     w = rows.w[:, joint]
     # Columns that are zero for this joint would make its normal equations singular.
     used = np.flatnonzero((w != 0).any(axis=0))
-    return compute_overstatement(
-        w[windows][:, :, used], rest[windows, joint], float(np.count_nonzero(rest[windows, joint]))
-    )
+    columns, rests = w[windows][:, :, used], rest[windows, joint]
+    return compute_overstatement(columns, rests, float(np.count_nonzero(rests)), fit[np.ix_(used, used)], columns)
 
 
 def normal_equations_from_rehearsal(
@@ -290,7 +290,8 @@ def _solve_scaled(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Return the shortest solution, with columns scaled to equal size, of equations that may be singular."""
     # Parameters have different units. Without the scaling the cut-off on singular values would drop small columns.
     scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    return np.asarray(np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale, rcond=1e-9)[0] / scale)
+    solved = np.linalg.lstsq(matrix / np.outer(scale, scale), (right.T / scale).T, rcond=1e-9)[0]
+    return np.asarray((solved.T / scale).T)
 
 
 def compute_separation(model: DesignModel, known: NormalEquations, parameter: int, size: float | None) -> Separation:

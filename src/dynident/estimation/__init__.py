@@ -9,13 +9,20 @@ from dynident.estimation.least_squares import (
     build_weighted_factor,
     compute_noise_levels,
     compute_row_noise,
+    describe_fit,
     solve,
     solve_ordinary,
     solve_weighted,
 )
 from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
 from dynident.estimation.parameter_correlation import compute_condition_number, compute_equilibrated_condition_number
-from dynident.estimation.parameter_covariance import CovarianceName, Statistics, compute_row_freedom, statistics
+from dynident.estimation.parameter_covariance import (
+    CovarianceName,
+    Statistics,
+    compute_pooled_statistics,
+    compute_row_freedom,
+    statistics,
+)
 from dynident.estimation.prior_information import PriorInformation, build_prior
 from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows
 from dynident.estimation.residual_errors import (
@@ -79,11 +86,13 @@ __all__ = [
     "compute_errors",
     "compute_errors_by_group",
     "compute_noise_levels",
+    "compute_pooled_statistics",
     "compute_relative_change",
     "compute_row_freedom",
     "compute_row_noise",
     "concatenate_reductions",
     "count_effective_rows",
+    "describe_fit",
     "eliminate_parameters",
     "estimate_group_weights",
     "find_outlying_spans",

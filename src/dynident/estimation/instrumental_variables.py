@@ -24,16 +24,21 @@ from dynident.estimation.least_squares import (
     compute_noise_levels,
 )
 from dynident.estimation.parameter_covariance import (
-    FEWEST_CLUSTERS,
     CovarianceName,
     Statistics,
     compute_row_freedom,
     estimate_cluster_covariance,
     find_occupied_blocks,
+    list_clusters,
 )
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr_decomposition import compute_r_factor
-from dynident.estimation.residual_correlation import compute_overstatement
+from dynident.estimation.residual_correlation import (
+    FEWEST_BLOCKS,
+    compute_overstatement,
+    join_dependent_blocks,
+    select_fits,
+)
 from dynident.estimation.triangular_factors import Reduction
 
 # Smallest part of a column of Z or W that must be independent of the columns before it.
@@ -92,16 +97,22 @@ def solve_instrumental(
     # Prior knowledge has no noise in W: it is its own instrument.
     twice = None if known is None else PriorInformation(np.hstack([known.factor, known.factor]), known.right)
 
-    def compute_levels(values: FloatArray) -> FloatArray:
-        noise = compute_noise_levels(observed, values)
-        return noise if known is None else noise * np.sqrt(_compute_overstatements(both, values))
+    def compute_levels(solved: _InstrumentalFactors, noise: FloatArray) -> FloatArray:
+        levels = compute_noise_levels(observed, solved.values)
+        if known is None:
+            return levels
+        fit = Solution(solved.values, noise, solved.observed, known)
+        return levels * np.sqrt(_compute_overstatements(both, observed, fit))
 
     # The weights come from residuals of W χ. Before the first solution there are none, and all equations count alike.
-    solved, converged = _solve_weighted(both, np.ones(len(both.equations)), twice), False
+    noise, converged = np.ones(len(both.equations)), False
+    solved = _solve_weighted(both, noise, twice)
+    following = compute_levels(solved, noise)
     for _ in range(MOST_ROUNDS):
-        noise = compute_levels(solved.values)
+        noise = following
         solved = _solve_weighted(both, noise, twice)
-        if converged := are_weights_settled(observed, noise, compute_levels(solved.values)):
+        following = compute_levels(solved, noise)
+        if converged := are_weights_settled(observed, noise, following):
             break
     solution = Solution(solved.values, noise, solved.observed, known, converged=converged)
     return InstrumentalSolution(
@@ -167,27 +178,44 @@ def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation 
     return _InstrumentalFactors(values, instruments, observed, projected, strength)
 
 
-def _compute_overstatements(both: Reduction, values: FloatArray) -> FloatArray:
+def _compute_overstatements(both: Reduction, observed: Reduction, solution: Solution) -> FloatArray:
     """Return by how much the rows of every equation overstate the information in them (n,)."""
+    both, observed = _join_dependent_blocks(both, observed, solution)
     inflation = []
-    for equation in both.equations:
-        k = len(equation.columns) // 2
-        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[equation.columns[:k]]
-        inflation.append(compute_overstatement(equation.factors[:, :, :k], rests, float(equation.counts.sum())))
+    for whole, equation, fit in zip(both.equations, observed.equations, select_fits(observed, solution), strict=True):
+        k = len(whole.columns) // 2
+        instruments, w, y = whole.factors[:, :, :k], whole.factors[:, :, k : 2 * k], whole.factors[:, :, 2 * k]
+        rests = y - w @ solution.values[equation.columns]
+        inflation.append(compute_overstatement(instruments, rests, float(equation.counts.sum()), fit, w))
     return np.array(inflation)
+
+
+def _join_dependent_blocks(both: Reduction, observed: Reduction, solution: Solution) -> tuple[Reduction, Reduction]:
+    """Return the data in blocks that are independent of their neighbours, with instruments and without."""
+    observed = join_dependent_blocks(observed, solution)
+    while both.n_blocks > observed.n_blocks:
+        both = both.merge_block_pairs()
+    return both, observed
 
 
 def _compute_statistics(
     both: Reduction, observed: Reduction, solution: Solution, solved: _InstrumentalFactors, kind: CovarianceName
 ) -> Statistics:
     """Return (ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, with correlated residuals treated as in `statistics`."""
-    overstated = _compute_overstatements(both, solution.values)
+    overstated = _compute_overstatements(both, observed, solution)
     noise = compute_noise_levels(observed, solution.values)
     worth = both.row_counts / overstated
-    if kind == "by_time_and_joints" and find_occupied_blocks(both).sum() >= FEWEST_CLUSTERS:
+    both, observed = _join_dependent_blocks(both, observed, solution)
+    if kind != "independent" and find_occupied_blocks(both).sum() >= FEWEST_BLOCKS:
         # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
         turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
-        spread = estimate_cluster_covariance(observed, solution, _compute_scores(both, solution) @ turned)
+        instrumented = iter(list_clusters(both, solution.noise, kind))
+        spread = estimate_cluster_covariance(
+            observed,
+            solution,
+            kind,
+            lambda part, noise: _compute_scores(next(instrumented)[0], noise, solution.values) @ turned,
+        )
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     c = observed.n_columns
     counted = np.ones(len(overstated)) if kind == "independent" else overstated
@@ -208,12 +236,12 @@ def _compute_statistics(
     return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
 
 
-def _compute_scores(both: Reduction, solution: Solution) -> FloatArray:
+def _compute_scores(both: Reduction, noise: FloatArray, values: FloatArray) -> FloatArray:
     """Return Z_sᵀρ_s of every block (s, c), each equation in units of its noise."""
     scores = np.zeros((both.n_blocks, both.n_columns // 2))
-    for equation, sigma in zip(both.equations, solution.noise, strict=True):
+    for equation, sigma in zip(both.equations, noise, strict=True):
         k = len(equation.columns) // 2
         where = equation.columns[:k]
-        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ solution.values[where]
+        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[where]
         scores[:, where] += (rests[:, None, :] @ equation.factors[:, :, :k])[:, 0] / sigma**2
     return scores

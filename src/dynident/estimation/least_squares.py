@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
@@ -16,8 +17,10 @@ from dynident.errors import DynidentError
 from dynident.estimation.prior_information import PriorInformation, invert_factor
 from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
 from dynident.estimation.residual_correlation import compute_correlation_factors
-from dynident.estimation.residual_errors import compute_fitted_errors, compute_weighted_squares
+from dynident.estimation.residual_errors import compute_deviation, compute_fitted_errors, compute_residual_noise
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
+
+Fit = TypeVar("Fit")
 
 MOST_ROUNDS = 20
 """Most rounds that estimate the noise of every equation; on sound data the third changes no visible digit."""
@@ -234,11 +237,11 @@ def solve_ordinary(reduction: Reduction, known: PriorInformation | None = None) 
     counts = reduction.row_counts
 
     # The mean variance over all rows; equations still count alike, only prior knowledge is weighed against it.
-    def compute_common_noise(values: FloatArray) -> FloatArray:
-        doubt = compute_correlated_noise(reduction, values)
+    def compute_common_noise(solution: Solution) -> FloatArray:
+        doubt = compute_correlated_noise(reduction, solution)
         return float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0))) * alike
 
-    return _iterate_weights(reduction, solve(reduction, alike, known), compute_common_noise, known)
+    return _iterate_against_prior(reduction, solve(reduction, alike, known), compute_common_noise)
 
 
 def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
@@ -263,13 +266,21 @@ def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) 
     EstimationError
         As in `solve`.
     """
-    # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
-    is_weighed = known is not None and known.has_rows
-    levels = compute_correlated_noise if is_weighed else compute_noise_levels
     # Terms of homogeneous equations are measured by ordinary least squares alone.
     first = solve_ordinary(reduction, known)
     grow = measure_growth_of_terms(reduction, first.values)
-    return _iterate_weights(reduction, first, lambda values: levels(reduction, values) / grow(values), known)
+    # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
+    if known is not None and known.has_rows:
+        return _iterate_against_prior(
+            reduction, first, lambda fit: compute_correlated_noise(reduction, fit) / grow(fit.values)
+        )
+    equations = ReweightedEquations.from_solution(reduction, first)
+
+    def noise_of(values: FloatArray) -> FloatArray:
+        return compute_noise_levels(reduction, values) / grow(values)
+
+    noise, _, has_settled = settle_noise(reduction, noise_of(first.values), noise_of, equations.solve)
+    return replace(solve(reduction, noise, known), converged=has_settled)
 
 
 def measure_growth_of_terms(reduction: Reduction, first: FloatArray) -> Callable[[FloatArray], FloatArray | float]:
@@ -297,34 +308,34 @@ def _measure_terms(reduction: Reduction, values: FloatArray) -> FloatArray:
     return sizes
 
 
-def _iterate_weights(
-    reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: PriorInformation | None
+def _iterate_against_prior(
+    reduction: Reduction, first: Solution, noise_of: Callable[[Solution], FloatArray]
 ) -> Solution:
-    """Solve and estimate the noise in turn until the noise settles."""
-    equations = ReweightedEquations.from_solution(reduction, first)
-    noise, _, has_settled = settle_noise(reduction, noise_of(first.values), noise_of, equations.solve)
-    return replace(solve(reduction, noise, known), converged=has_settled)
+    """Solve and estimate the noise in turn until the noise settles; it depends on the fit as a whole."""
+
+    def solve_again(noise: FloatArray) -> Solution:
+        return solve(reduction, noise, first.known)
+
+    _, fit, has_settled = settle_noise(reduction, noise_of(first), noise_of, solve_again)
+    return replace(fit, converged=has_settled)
 
 
 def settle_noise(
-    reduction: Reduction,
-    noise: FloatArray,
-    noise_of: Callable[[FloatArray], FloatArray],
-    values_of: Callable[[FloatArray], FloatArray],
-) -> tuple[FloatArray, FloatArray, bool]:
-    """Estimate noise (n,) from values (c,) and these from the noise in turn, until it settles (IRLS).
+    reduction: Reduction, noise: FloatArray, noise_of: Callable[[Fit], FloatArray], fit_of: Callable[[FloatArray], Fit]
+) -> tuple[FloatArray, Fit, bool]:
+    """Estimate noise (n,) from a fit, or its values alone, and this from the noise in turn, until it settles (IRLS).
 
     Returns
     -------
-    tuple of (n,), (c,), bool
-        The noise, the values with it, and whether it has settled.
+    tuple of (n,), fit, bool
+        The noise, the fit with it, and whether it has settled.
     """
     for _ in range(MOST_ROUNDS):
-        values = values_of(noise)
-        before, noise = noise, noise_of(values)
+        fit = fit_of(noise)
+        before, noise = noise, noise_of(fit)
         if are_weights_settled(reduction, before, noise):
-            return before, values, True
-    return before, values, False
+            return before, fit, True
+    return before, fit, False
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,28 +432,27 @@ def compute_rounding(reduction: Reduction) -> FloatArray:
     return _ROUNDING * reduction.measured_sizes / np.sqrt(np.maximum(reduction.row_counts, 1.0))
 
 
-def compute_correlated_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the noise of every equation, raised by the correlation of its rows.
+def compute_correlated_noise(reduction: Reduction, solution: Solution) -> FloatArray:
+    """Return the noise (n,) of every equation, raised by the correlation of its rows.
 
     Prior knowledge is weighed against it. It is at least what rounding leaves of the measured values, lest exact data
     outweigh prior knowledge without limit.
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations, one a joint or of another equation type.
-    values : (c,)
-        Parameters χ.
-
-    Returns
-    -------
-    (n,)
-        Standard deviation, in the unit of each equation.
+    reduction, solution : Reduction, Solution
+        The equations, and the estimate whose residuals are taken.
     """
-    factors = compute_correlation_factors(reduction, values)
-    fitted = compute_fitted_errors(reduction, values)
-    rounding = _ROUNDING * np.sqrt(fitted.measured / np.maximum(fitted.counts, 1))
-    return np.maximum(compute_noise_levels(reduction, values) * np.sqrt(factors), rounding)
+    noise = compute_noise_levels(reduction, solution.values)
+    return np.maximum(noise * np.sqrt(compute_correlation_factors(reduction, solution)), compute_rounding(reduction))
+
+
+def describe_fit(
+    reduction: Reduction, values: FloatArray, known: PriorInformation | None = None, free: FloatArray | None = None
+) -> Solution:
+    """Return estimates, whatever they are from, as those of a fit to these equations with the noise that they leave."""
+    noise = compute_noise_levels(reduction, values)
+    return Solution(values, noise, build_weighted_factor(reduction, noise, known)[:-1, :-1], known, free)
 
 
 def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
@@ -461,14 +471,6 @@ def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray
     return floor_noise(compute_residual_noise(reduction, values))
 
 
-def compute_residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of every equation's residual, [12.7], parameters shared out over the rows.
-
-    Rows count as they are weighted within their equation; `compute_row_noise` has each count alike.
-    """
-    return compute_deviation(reduction, compute_weighted_squares(reduction, values))
-
-
 def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the standard deviation of the residual of all rows that take part in the fit, each counting alike.
 
@@ -483,13 +485,6 @@ def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
         Standard deviations in the unit of Y; zero where the fit is exact.
     """
     return compute_deviation(reduction, compute_fitted_errors(reduction, values).squares)
-
-
-def compute_deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of rows whose squared residuals sum up to `squares` (n,), [12.7]."""
-    # Equations share the parameters: each loses degrees of freedom by its rows; below the limit variances diverge.
-    share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
-    return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))
 
 
 def floor_noise(sigma: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """Covariance, standard deviations and confidence intervals of estimates with correlated residuals [12.6]-[12.10].
 
-Cluster-robust (jackknife over blocks); holds the fewest blocks (5), and when a prior dominates a parameter.
+Cluster-robust (jackknife over blocks); holds when a prior dominates a parameter.
 
 [12.6] assumes independent residuals. Rows that passed a low-pass filter are not, and model errors even less: counting
 them all would promise standard deviations several times too small. There are three covariances, as in regression
@@ -13,15 +13,19 @@ by_time_and_joints
     Nielsen and Webb 2023). Few blocks determine a variance poorly: Student's t uses the degrees of freedom that
     Satterthwaite's rule gives for every parameter.
 by_joint
-    Equations are independent, too. The correlation within an equation is measured from the sums of Wᵀρ over blocks
-    of time. The squares of these sums have a known size for independent residuals; the excess is the factor by
-    which the number of rows overstates the information (Liang and Zeger 1986, pooled over the parameters).
+    The same, but blocks of different equations are independent, too: what the joints share is left out.
 independent
     [12.6] as it stands: every row counts.
+
+Where one number has to do, for weights and for sums over many parameters, the correlation within an equation is
+measured from the sums of Wᵀρ over blocks of time. The squares of these sums have a known size for independent
+residuals; the excess is the factor by which the number of rows overstates the information (Liang and Zeger 1986, pooled
+over the parameters).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,18 +35,20 @@ from scipy.linalg import lapack
 from scipy.special import stdtrit
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.estimation.least_squares import (
-    Solution,
-    build_weighted_factor,
-    compute_correlated_noise,
-    compute_residual_noise,
-)
+from dynident.estimation.least_squares import Solution, build_weighted_factor, compute_correlated_noise
 from dynident.estimation.prior_information import extract_deviations
-from dynident.estimation.residual_correlation import compute_correlation_factors
+from dynident.estimation.residual_correlation import (
+    FEWEST_BLOCKS,
+    compute_correlation_factors,
+    compute_rests,
+    compute_sandwich_covariance,
+    count_effective_rows,
+    join_dependent_blocks,
+)
+from dynident.estimation.residual_errors import compute_residual_noise
 from dynident.estimation.triangular_factors import Reduction
 
-FEWEST_CLUSTERS = 5
-"""Smallest number of blocks for the jackknife. Fewer say nothing of how the estimate depends on them."""
+CovarianceName = Literal["by_time_and_joints", "by_joint", "independent"]
 
 _ALONE = 0.95
 """Largest share of the information in some direction that one block may hold. Above it, the other blocks cannot tell
@@ -72,18 +78,42 @@ class ClusterCovariance:
     freedom: FloatArray
 
 
+def list_clusters(reduction: Reduction, noise: FloatArray, kind: CovarianceName) -> list[tuple[Reduction, FloatArray]]:
+    """Return the data in parts, all of whose blocks are independent of each other, with the noise of their equations.
+
+    Parameters
+    ----------
+    reduction, noise : Reduction, (n,)
+        The equations, and the noise that they are weighted by.
+    kind : {"by_time_and_joints", "by_joint"}
+        One part with all equations, or one for each equation.
+    """
+    if kind == "by_time_and_joints":
+        return [(reduction, noise)]
+    return [
+        (Reduction(reduction.n_columns, (equation,), reduction.spans), noise[k : k + 1])
+        for k, equation in enumerate(reduction.equations)
+        if len(equation.counts)
+    ]
+
+
 def estimate_cluster_covariance(
-    reduction: Reduction, solution: Solution, scores: FloatArray | None = None
+    reduction: Reduction,
+    solution: Solution,
+    kind: CovarianceName = "by_time_and_joints",
+    scores_of: Callable[[Reduction, FloatArray], FloatArray] | None = None,
 ) -> ClusterCovariance:
-    """Estimate how far the estimates move when blocks of time are left out, of all equations together.
+    """Estimate how far the estimates move when blocks of time are left out.
 
     Parameters
     ----------
     reduction, solution : Reduction, Solution
         The data and the estimate from it.
-    scores : (s, f), optional
-        Scores of the equations that the estimate solves where these are not Wᵀρ = 0 (instrumental variables), times
-        `solution.root`.
+    kind : {"by_time_and_joints", "by_joint"}
+        Whether a block of time is that of all equations together, or of each by itself.
+    scores_of : function, optional
+        Gives the scores (s, f) of a part of the data with its noise (n,) where an estimate does not solve Wᵀρ = 0
+        (instrumental variables), times `solution.root`.
 
     Returns
     -------
@@ -97,29 +127,30 @@ def estimate_cluster_covariance(
     adds its own. All is done in coordinates in which B is one.
     """
     root = solution.root
-    if scores is None:
-        scores = _compute_scores(reduction, solution) @ root
-    # A block in which no equation has rows has no score. It would only raise the number of clusters.
-    filled = np.flatnonzero(find_occupied_blocks(reduction))
-    scores = scores[filled]
-    count, size = scores.shape
+    size = root.shape[1]
     # In these coordinates a parameter is a linear form. Forms of unit length give variances of about one, whatever the
     # parameter's unit; their ratio alone matters for the degrees of freedom.
     directions = root / np.maximum(np.linalg.norm(root, axis=1), np.finfo(float).tiny)[:, None]
-    steps, dominated = np.zeros_like(scores), np.zeros((size, size))
-    pulls, moved = np.zeros((count, len(root))), np.zeros((count, size, len(root)))
+    steps, dominated = [np.zeros((0, size))], np.zeros((size, size))
+    pulls, moved = [np.zeros((0, len(root)))], [np.zeros((0, size, len(root)))]
     together = max(1, _MOST_NUMBERS // max(size, 1) ** 2)
-    for first in range(0, count, together):
-        where = slice(first, first + together)
-        informations = _compute_informations(reduction, solution, root, filled[where])
-        right = np.empty((len(informations), size, 1 + len(root)))
-        right[:, :, 0], right[:, :, 1:] = scores[where], directions.T
-        amplified, alone = _leave_out_blocks(informations, right)
-        dominated += alone
-        steps[where], u = amplified[:, :, 0], amplified[:, :, 1:]
-        moved[where] = informations @ u
-        pulls[where] = np.einsum("sik,sik->sk", u, moved[where])
-    inner = (count - 1) / count * steps.T @ steps
+    for part, noise in list_clusters(reduction, solution.noise, kind):
+        scores = compute_scores(part, noise, solution.values) @ root if scores_of is None else scores_of(part, noise)
+        # A block in which no equation has rows has no score. It would only raise the number of clusters.
+        filled = np.flatnonzero(find_occupied_blocks(part))
+        for first in range(0, len(filled), together):
+            where = filled[first : first + together]
+            informations = _compute_informations(part, noise, root, where)
+            right = np.empty((len(informations), size, 1 + len(root)))
+            right[:, :, 0], right[:, :, 1:] = scores[where], directions.T
+            amplified, alone = _leave_out_blocks(informations, right)
+            dominated += alone
+            u = amplified[:, :, 1:]
+            steps.append(amplified[:, :, 0])
+            moved.append(informations @ u)
+            pulls.append(np.einsum("sik,sik->sk", u, moved[-1]))
+    each = np.concatenate(steps)
+    inner = (len(each) - 1) / len(each) * each.T @ each
     # Directions that only one block determines get the average variance of the others, but no less than independent
     # rows would have.
     average_variance = float(np.trace(inner)) / max(size - float(np.trace(dominated)), 1.0)
@@ -132,11 +163,18 @@ def estimate_cluster_covariance(
     variances = [np.einsum("ki,ij,kj->k", directions, part, directions) for part in (inner, assumed, known)]
     from_steps, from_assumption, from_knowledge = (np.maximum(part, 0.0) for part in variances)
     # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
-    doubt = from_steps**2 / np.maximum(_compute_satterthwaite_freedom(pulls, moved), 1.0) + from_assumption**2
+    own = _compute_satterthwaite_freedom(np.concatenate(pulls), np.concatenate(moved))
+    doubt = from_steps**2 / np.maximum(own, 1.0) + from_assumption**2
     freedom = (from_steps + from_assumption + from_knowledge) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
     # A parameter that is held is a constant.
     freedom = np.where(solution.is_held, np.inf, np.clip(freedom, 1.0, _SURE))
     return ClusterCovariance(0.5 * (covariance + covariance.T), freedom)
+
+
+def count_clusters(reduction: Reduction, kind: CovarianceName) -> int:
+    """Return the number of blocks with rows, by joint that of the equation with the fewest."""
+    parts = list_clusters(reduction, np.ones(len(reduction.equations)), kind)
+    return min((int(find_occupied_blocks(part).sum()) for part, _ in parts), default=0)
 
 
 def find_occupied_blocks(reduction: Reduction) -> BoolArray:
@@ -155,23 +193,21 @@ def _compute_row_variance(reduction: Reduction, solution: Solution) -> float:
     return squares / max(reduction.n_rows - int(np.sum(~solution.is_held)), 1)
 
 
-def _compute_scores(reduction: Reduction, solution: Solution) -> FloatArray:
-    """Return W_sᵀρ_s of every block (s, c), each equation in units of its noise."""
+def compute_scores(reduction: Reduction, noise: FloatArray, values: FloatArray) -> FloatArray:
+    """Return W_sᵀρ_s of every block (s, c) at parameters χ (c,), each equation in units of its noise (n,)."""
     scores = np.zeros((reduction.n_blocks, reduction.n_columns))
-    for equation, sigma in zip(reduction.equations, solution.noise, strict=True):
-        if not len(equation.counts):
-            continue
-        w = equation.factors[:, :, :-1]
-        rests = equation.factors[:, :, -1] - w @ solution.values[equation.columns]
-        scores[:, equation.columns] += (rests[:, None, :] @ w)[:, 0] / sigma**2
+    for equation, sigma in zip(reduction.equations, noise, strict=True):
+        if len(equation.counts):
+            rests = compute_rests(equation, values)
+            scores[:, equation.columns] += (rests[:, None, :] @ equation.factors[:, :, :-1])[:, 0] / sigma**2
     return scores
 
 
-def _compute_informations(reduction: Reduction, solution: Solution, root: FloatArray, blocks: IndexArray) -> FloatArray:
+def _compute_informations(reduction: Reduction, noise: FloatArray, root: FloatArray, blocks: IndexArray) -> FloatArray:
     """Return rootᵀ A_s root of some blocks (s, f, f)."""
     f = root.shape[1]
     informations = np.zeros((len(blocks), f, f))
-    for equation, sigma in zip(reduction.equations, solution.noise, strict=True):
+    for equation, sigma in zip(reduction.equations, noise, strict=True):
         if not len(equation.counts):
             continue
         rows = equation.factors[blocks, :, :-1] @ (root[equation.columns] / sigma)
@@ -291,7 +327,7 @@ def find_prior_dominated(reduction: Reduction, solution: Solution) -> NDArray[np
     """
     if solution.known is None:
         return np.zeros(len(solution.values), dtype=bool)
-    noise = compute_correlated_noise(reduction, solution.values)
+    noise = compute_correlated_noise(reduction, solution)
     c = reduction.n_columns
     # The noise is corrected for correlated rows, as it is where prior knowledge is weighed against the data.
     held = np.eye(c)[solution.known.is_held]
@@ -299,8 +335,6 @@ def find_prior_dominated(reduction: Reduction, solution: Solution) -> NDArray[np
     together = compute_standard_deviations(build_weighted_factor(reduction, noise, solution.known)[:c, :c], held)
     return np.asarray(alone > _OWED * together)
 
-
-CovarianceName = Literal["by_time_and_joints", "by_joint", "independent"]
 
 NORMAL_95 = 1.96
 """Standard deviations on either side that hold a normally distributed error with a probability of 95 %."""
@@ -372,8 +406,8 @@ class Statistics:
 def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = "by_time_and_joints") -> Statistics:
     """Return the covariance of the estimates with the correlations that `kind` names accounted for.
 
-    With fewer than five blocks of time nothing tells how the rows of different equations correlate, and
-    by_time_and_joints is by_joint.
+    Blocks of time that depend on their neighbours are joined before. With fewer than five blocks nothing tells how the
+    estimate depends on them, and the statistics are those of `compute_pooled_statistics`.
 
     Parameters
     ----------
@@ -388,58 +422,34 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     Statistics
         Covariance, effective numbers of rows, noise and degrees of freedom.
     """
-    inflation = compute_correlation_factors(reduction, solution.values, select_fits(reduction, solution))
-    noise = compute_residual_noise(reduction, solution.values)
-    worth = reduction.row_counts / inflation
-    if kind == "by_time_and_joints" and find_occupied_blocks(reduction).sum() >= FEWEST_CLUSTERS:
-        spread = estimate_cluster_covariance(reduction, solution)
-        return Statistics(spread.covariance, worth, noise, spread.freedom)
-    # "independent" takes every row at its word; "by_joint" inflates each equation's variance by its own correlation.
-    counted = np.ones(len(inflation)) if kind == "independent" else inflation
-    covariance = compute_sandwich_covariance(reduction, solution, counted)
+    joined = join_dependent_blocks(reduction, solution)
+    if kind == "independent" or count_clusters(joined, kind) < FEWEST_BLOCKS:
+        return compute_pooled_statistics(reduction, solution, is_independent=kind == "independent")
+    spread = estimate_cluster_covariance(joined, solution, kind)
+    worth = count_effective_rows(joined, solution)
+    return Statistics(spread.covariance, worth, compute_residual_noise(reduction, solution.values), spread.freedom)
+
+
+def compute_pooled_statistics(reduction: Reduction, solution: Solution, *, is_independent: bool = False) -> Statistics:
+    """Return the covariance with one correlation factor for all parameters of an equation.
+
+    It has full rank, however few blocks there are, so it can weigh estimates against others. It is too small for a
+    parameter that slow residuals resemble, such as an offset, and too large for others.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    is_independent : bool
+        Whether every row counts for an independent sample, whatever its correlation.
+    """
+    inflation = compute_correlation_factors(reduction, solution)
+    counted = np.ones(len(inflation)) if is_independent else inflation
     freedom = np.full(reduction.n_columns, np.inf)
     freedom[~solution.is_held] = compute_row_freedom(reduction.row_counts / counted, int(np.sum(~solution.is_held)))
-    return Statistics(covariance, worth, noise, freedom)
-
-
-def select_fits(reduction: Reduction, solution: Solution) -> list[FloatArray]:
-    """Return the covariance (p_j, p_j) of the parameters of every equation, over the variance of its rows.
-
-    Parameters
-    ----------
-    reduction, solution : Reduction, Solution
-        The data and the estimate from it.
-    """
-    inverse, equations = solution.normal_inverse, reduction.equations
-    return [
-        inverse[np.ix_(equation.columns, equation.columns)] / sigma**2
-        for equation, sigma in zip(equations, solution.noise, strict=True)
-    ]
-
-
-def compute_sandwich_covariance(reduction: Reduction, solution: Solution, inflation: FloatArray) -> FloatArray:
-    """Return the covariance (c, c) of estimates from rows of which each equation's overstate the information.
-
-    Parameters
-    ----------
-    reduction, solution : Reduction, Solution
-        The data and the estimate from it.
-    inflation : (n,)
-        Number of rows over number of independent samples of each equation.
-    """
-    # B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
-    bread = solution.normal_inverse
-    meat = np.zeros((reduction.n_columns, reduction.n_columns))
-    weights = compute_residual_noise(reduction, solution.values) ** 2 * inflation / solution.noise**4
-    for equation, weight in zip(reduction.equations, weights, strict=True):
-        w = equation.whole_factor[:, :-1]
-        meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
-    if solution.known is not None:
-        # Rows of prior knowledge are in units of their own deviation, so their variance is one.
-        meat += solution.known.factor.T @ solution.known.factor
-    covariance = bread @ meat @ bread
-    # Rounding leaves the product slightly asymmetric.
-    return np.asarray(0.5 * (covariance + covariance.T))
+    noise = compute_residual_noise(reduction, solution.values)
+    covariance = compute_sandwich_covariance(reduction, solution, counted)
+    return Statistics(covariance, reduction.row_counts / inflation, noise, freedom)
 
 
 def compute_row_freedom(independent: FloatArray, n_columns: int) -> FloatArray:

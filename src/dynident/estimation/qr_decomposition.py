@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import lapack
@@ -27,20 +27,45 @@ class WhitenedColumns:
     ----------
     rows : (s, m, p)
         The columns Wₛ of every block, with Σ WₛᵀWₛ = 1.
-    spread : float
-        Σ tr((WₛᵀWₛ)²), at most p: the larger, the fewer blocks hold the information.
+    coordinates : (p, k)
+        Inner products of these columns with those that parameters belong to.
     """
 
     rows: FloatArray
-    spread: float
+    coordinates: FloatArray
 
     @property
     def count(self) -> int:
         """Number of directions p."""
         return int(self.rows.shape[2])
 
+    @property
+    def grams(self) -> FloatArray:
+        """WₛᵀWₛ (s, p, p) of every block; of many joints they are too large to be kept."""
+        return np.asarray(self.rows.transpose(0, 2, 1) @ self.rows)
 
-def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
+    @property
+    def squares(self) -> FloatArray:
+        """Σ (WₛᵀWₛ)² (p, p); its trace is at most p: the larger, the fewer blocks hold the information."""
+        return self.sum_products[0]
+
+    @cached_property
+    def sum_products(self) -> tuple[FloatArray, FloatArray]:
+        """Σ of the products of WₛᵀWₛ with itself, and with that of the next block, (p, p) each."""
+        grams = self.grams
+        flat, following = grams.reshape(-1, self.count), grams[1:].reshape(-1, self.count)
+        return flat.T @ flat, flat[: len(following)].T @ following
+
+    def express_fit(self, covariance: FloatArray) -> FloatArray:
+        """Return the covariance (p, p) of what a fit takes out, given that of its parameters (k, k)."""
+        return np.asarray(self.coordinates @ covariance @ self.coordinates.T)
+
+    def compute_scores(self, rests: FloatArray) -> FloatArray:
+        """Return Wₛᵀρₛ of every block (s, p) for residuals (s, m)."""
+        return np.asarray((rests[:, None, :] @ self.rows)[:, 0])
+
+
+def whiten_columns(w: FloatArray, factor: FloatArray, observed: FloatArray | None = None) -> WhitenedColumns | None:
     """Whiten columns by the triangular factor of all of them.
 
     Parameters
@@ -49,6 +74,8 @@ def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
         Columns of s blocks.
     factor : (…, k)
         Upper triangular factor of the rows of all blocks.
+    observed : (s, m, k), optional
+        Columns that parameters belong to, where these are instruments for them.
 
     Returns
     -------
@@ -56,17 +83,21 @@ def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
         None where all columns are zero.
     """
     k = factor.shape[1]
-    if len(factor) >= k > 0 and lapack.dtrcon(factor[:k])[0] > _REGULAR:
-        rows = w @ lapack.dtrtri(factor[:k])[0]
+    if not k:
+        return None
+    if len(factor) >= k and lapack.dtrcon(factor[:k])[0] > _REGULAR:
+        rows, coordinates = w @ lapack.dtrtri(factor[:k])[0], factor[:k]
     else:
         _, singular, vt = np.linalg.svd(factor, full_matrices=False)
         is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
         if not is_excited.any():
             return None
         # With R = U S Vᵀ the columns W V S⁻¹ have unit inner products: whitening by the SVD copes with singular R.
+        coordinates = vt[is_excited] * singular[is_excited][:, None]
         rows = w @ (vt[is_excited].T / singular[is_excited])
-    grams = rows.transpose(0, 2, 1) @ rows
-    return WhitenedColumns(rows, float(np.sum(grams * grams)))
+    if observed is not None:
+        coordinates = np.tensordot(rows, observed, axes=([0, 1], [0, 1]))
+    return WhitenedColumns(rows, coordinates)
 
 
 _BLOCK = 32

@@ -6,18 +6,115 @@ Covariances are in `parameter_covariance`, autocorrelation figures in diagnosis/
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.estimation.qr_decomposition import WhitenedColumns, compute_r_factor, whiten_columns
+from dynident.estimation.residual_errors import compute_residual_noise
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
-# With fewer blocks of time chance decides how large the scores are.
-_FEWEST_BLOCKS = 5
+if TYPE_CHECKING:
+    from dynident.estimation.least_squares import Solution
+
+FEWEST_BLOCKS = 5
+"""Smallest number of blocks of time: with fewer chance decides how large the scores are, and how estimates scatter."""
+
+# Neighbouring blocks depend on each other where their products' sum is so many standard deviations above zero: of
+# independent ones one in forty are joined, which costs degrees of freedom alone.
+_BEYOND_CHANCE = 2.0
 
 
-def compute_correlation_factor(equation: EquationFactors, values: FloatArray, fit: FloatArray | None = None) -> float:
+def compute_correlation_factors(reduction: Reduction, solution: Solution) -> FloatArray:
+    """Return by how much the rows of every equation overstate the information in them.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The equations, and the estimate whose residuals are taken, with the weights that it was fitted with.
+
+    Returns
+    -------
+    (n,) array
+        Numbers of rows over numbers of independent samples, at least 1; 1 where there are too few blocks or rows to
+        tell.
+    """
+    joined = join_dependent_blocks(reduction, solution)
+    fits = select_fits(joined, solution)
+    return np.array(
+        [compute_correlation_factor(e, solution.values, fit) for e, fit in zip(joined.equations, fits, strict=True)]
+    )
+
+
+def count_effective_rows(reduction: Reduction, solution: Solution) -> FloatArray:
+    """Return how many independent samples the rows of every equation are worth.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        As `compute_correlation_factors` takes them.
+
+    Returns
+    -------
+    (n,) array
+        Effective numbers of rows, at most the numbers of rows.
+    """
+    return reduction.row_counts / compute_correlation_factors(reduction, solution)
+
+
+def select_fits(reduction: Reduction, solution: Solution) -> list[FloatArray]:
+    """Return how a fit to all equations depends on each equation's rows.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+
+    Returns
+    -------
+    n of (p_j, p_j)
+        M = 2 B / s² - C / σ², with B = `solution.normal_inverse`, C the covariance of the estimates for independent
+        rows, s the noise that the equation was weighted by and σ that of its residuals. Independent rows leave the
+        scores of blocks with the covariance σ² (δ A_s - A_s M A_t). Where weights are the noise, M is C / σ².
+    """
+    own = compute_residual_noise(reduction, solution.values)
+    bread, covariance = solution.normal_inverse, compute_sandwich_covariance(reduction, solution, np.ones(len(own)))
+    fits = []
+    for equation, weighted, sigma in zip(reduction.equations, solution.noise, own, strict=True):
+        place = np.ix_(equation.columns, equation.columns)
+        taken = bread[place] / weighted**2
+        # A residual of zero says nothing of how the fit depends on it.
+        fits.append(2.0 * taken - covariance[place] / sigma**2 if sigma > 0 else taken)
+    return fits
+
+
+def compute_sandwich_covariance(reduction: Reduction, solution: Solution, inflation: FloatArray) -> FloatArray:
+    """Return the covariance (c, c) of estimates from rows of which each equation's overstate the information.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    inflation : (n,)
+        Number of rows over number of independent samples of each equation.
+    """
+    # B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
+    bread = solution.normal_inverse
+    meat = np.zeros((reduction.n_columns, reduction.n_columns))
+    weights = compute_residual_noise(reduction, solution.values) ** 2 * inflation / solution.noise**4
+    for equation, weight in zip(reduction.equations, weights, strict=True):
+        w = equation.whole_factor[:, :-1]
+        meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
+    if solution.known is not None:
+        # Rows of prior knowledge are in units of their own deviation, so their variance is one.
+        meat += solution.known.factor.T @ solution.known.factor
+    covariance = bread @ meat @ bread
+    # Rounding leaves the product slightly asymmetric.
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def compute_correlation_factor(equation: EquationFactors, values: FloatArray, fit: FloatArray) -> float:
     """Return by how much the rows of one equation overstate the information in them, at least 1.
 
     Parameters
@@ -26,9 +123,9 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray, fi
         The rows of one equation, by blocks of time.
     values : (c,)
         Parameters χ at which the residuals are taken.
-    fit : (p, p), optional
+    fit : (p, p)
         Covariance M of this equation's parameters in the fit that the residuals are of, over the variance σ² of its
-        rows; by default A⁻¹, that of a fit to these rows alone.
+        rows: A⁻¹ for a fit to these rows alone.
 
     Returns
     -------
@@ -41,67 +138,26 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray, fi
     residuals of the same size, σ² (p - Σ tr(A⁻¹A_s M A_s)); the second term is what the fit itself removes. Joints
     share most of their parameters, so that a fit to all joints removes much less of each than one to its rows alone.
     """
-    # Residuals of the factors, not of the rows: Wᵀρ and ρᵀρ of a block are the same for both.
-    rests = equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns]
     rows = float(equation.counts.sum())
     if not _is_determined(equation.factors[:, :, :-1], rows):
         return 1.0
-    columns = equation.whitened_columns
-    share = None if fit is None or columns is None else _whiten_fit(equation, columns, fit)
-    return _compute_overstatement_of_whitened(columns, rests, rows, share)
+    # Residuals of the factors, not of the rows: Wᵀρ and ρᵀρ of a block are the same for both.
+    return _compute_overstatement_of_whitened(equation.whitened_columns, compute_rests(equation, values), rows, fit)
 
 
-def compute_correlation_factors(
-    reduction: Reduction, values: FloatArray, fits: Sequence[FloatArray] | None = None
-) -> FloatArray:
-    """Return by how much the rows of every equation overstate the information in them.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ at which the residuals are taken.
-    fits : n of (p_j, p_j), optional
-        Covariances of the parameters as `compute_correlation_factor` takes them.
-
-    Returns
-    -------
-    (n,) array
-        Correlation factors, at least 1.
-    """
-    each = [None] * len(reduction.equations) if fits is None else fits
-    return np.array(
-        [compute_correlation_factor(e, values, fit) for e, fit in zip(reduction.equations, each, strict=True)]
-    )
+def compute_rests(equation: EquationFactors, values: FloatArray) -> FloatArray:
+    """Return the residuals (s, m) of the factors of each block at parameters χ (c,)."""
+    return np.asarray(equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns])
 
 
-def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return how many independent samples the rows of every equation are worth.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ at which the residuals are taken.
-
-    Returns
-    -------
-    (n,) array
-        Effective numbers of rows, at most the numbers of rows.
-    """
-    return reduction.row_counts / compute_correlation_factors(reduction, values)
-
-
-def count_correlation_freedom(equation: EquationFactors, fit: FloatArray | None = None) -> float:
+def count_correlation_freedom(equation: EquationFactors, fit: FloatArray) -> float:
     """Return the degrees of freedom with which an equation's correlation factor is known, at least 1.
 
     Parameters
     ----------
     equation : EquationFactors
         The rows of one equation, by blocks of time.
-    fit : (p, p), optional
+    fit : (p, p)
         Covariance of its parameters as `compute_correlation_factor` takes it.
 
     Returns
@@ -113,25 +169,20 @@ def count_correlation_freedom(equation: EquationFactors, fit: FloatArray | None 
     columns = equation.whitened_columns
     if columns is None or not _is_determined(equation.factors[:, :, :-1], float(equation.counts.sum())):
         return 1.0
-    grams = columns.rows.transpose(0, 2, 1) @ columns.rows
-    squares = grams @ grams
-    share = np.eye(columns.count) if fit is None else _whiten_fit(equation, columns, fit)
+    grams = columns.grams
     # The residuals are those of a fit, which takes its own part out of every block's score: of blocks s and t together
     # these are δ G_s - G_s M G_t.
-    taken = squares @ share
-    trace = columns.count - float(np.trace(taken.sum(axis=0)))
+    taken = grams @ grams @ columns.express_fit(fit)
     overlap = taken.sum(axis=0)
+    trace = columns.count - float(np.trace(overlap))
     cubes, crossed = float(np.sum(taken * grams)), float(np.sum(overlap * overlap.T))
-    return max(1.0, trace**2 / max(columns.spread - 2.0 * cubes + crossed, np.finfo(float).tiny))
+    spread = float(np.trace(columns.squares))
+    return max(1.0, trace**2 / max(spread - 2.0 * cubes + crossed, np.finfo(float).tiny))
 
 
-def _whiten_fit(equation: EquationFactors, columns: WhitenedColumns, fit: FloatArray) -> FloatArray:
-    """Return the covariance (p, p) of a fit in coordinates in which the columns are whitened."""
-    coordinates = np.einsum("smi,smj->ij", columns.rows, equation.factors[:, :, :-1], optimize=True)
-    return np.asarray(coordinates @ fit @ coordinates.T)
-
-
-def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
+def compute_overstatement(
+    w: FloatArray, rests: FloatArray, rows: float, fit: FloatArray, observed: FloatArray
+) -> float:
     """Return the correlation factor of columns and residuals, as `compute_correlation_factor` does.
 
     Parameters
@@ -142,6 +193,10 @@ def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> floa
         Residuals in the same rows.
     rows : float
         Number of rows that they stand for together.
+    fit : (k, k)
+        Covariance of the parameters in the fit, over the variance of the rows.
+    observed : (s, m, k)
+        Columns of W, which the fit's parameters belong to.
 
     Returns
     -------
@@ -150,37 +205,73 @@ def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> floa
     """
     if not _is_determined(w, rows):
         return 1.0
-    return _compute_overstatement_of_whitened(
-        whiten_columns(w, compute_r_factor(w.reshape(-1, w.shape[2]))), rests, rows
-    )
+    columns = whiten_columns(w, compute_r_factor(w.reshape(-1, w.shape[2])), observed)
+    return _compute_overstatement_of_whitened(columns, rests, rows, fit)
 
 
 def _is_determined(w: FloatArray, rows: float) -> bool:
     n_blocks, _, k = w.shape
-    return bool(n_blocks >= _FEWEST_BLOCKS and k > 0 and rows > k)
+    return bool(n_blocks >= FEWEST_BLOCKS and k > 0 and rows > k)
 
 
 def _compute_overstatement_of_whitened(
-    columns: WhitenedColumns | None, rests: FloatArray, rows: float, share: FloatArray | None = None
+    columns: WhitenedColumns | None, rests: FloatArray, rows: float, fit: FloatArray
 ) -> float:
-    """Return the correlation factor; `share` is the covariance of the fit in whitened coordinates, if not one."""
     if columns is None:
         return 1.0
-    fitted, removed = float(columns.count), columns.spread
-    if share is not None:
-        grams = columns.rows.transpose(0, 2, 1) @ columns.rows
-        fitted, removed = float(np.trace(share)), float(np.sum((grams @ share) * grams))
-    # With whitened columns A is one, so that the score's weighted square is a plain sum of squares.
-    scores = (rests[:, None, :] @ columns.rows)[:, 0]
-    variance = float(np.sum(rests * rests)) / max(rows - fitted, 1.0)
-    expected = variance * (columns.count - removed)
-    if expected <= 0 and share is not None:
-        # A fit that leaves nothing of the scores to judge by: its own part alone is then taken out.
-        return _compute_overstatement_of_whitened(columns, rests, rows)
+    share = columns.express_fit(fit)
+    variance = float(np.sum(rests * rests)) / max(rows - float(np.trace(share)), 1.0)
+    expected = variance * (columns.count - float(np.sum(share * columns.squares)))
+    # A fit that leaves nothing of the scores to judge by is judged by its own part alone, or not at all.
+    if expected <= 0:
+        expected = variance * (columns.count - float(np.trace(columns.squares)))
     if expected <= 0 or variance == 0:
         return 1.0
+    # With whitened columns A is one, so that the score's weighted square is a plain sum of squares.
+    scores = columns.compute_scores(rests)
     # Below one would mean that rows hold more than their own number of samples: it is chance, and is not used.
     return float(max(1.0, np.sum(scores * scores) / expected))
+
+
+def join_dependent_blocks(reduction: Reduction, solution: Solution) -> Reduction:
+    """Join blocks of time in pairs, and again, while the residuals of neighbouring blocks depend on each other.
+
+    All statistics over blocks take these for independent. Slow residuals, of a motor that warms up or a cable that
+    drags, last for longer than a block.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+
+    Returns
+    -------
+    Reduction
+        At least five blocks; the same data where neighbours do not depend on each other.
+    """
+    while reduction.n_blocks >= 2 * FEWEST_BLOCKS - 1 and _do_neighbours_depend(reduction, solution):
+        reduction = reduction.merge_block_pairs()
+    return reduction
+
+
+def _do_neighbours_depend(reduction: Reduction, solution: Solution) -> bool:
+    """Return whether the scores of neighbouring blocks agree in sign by more than chance explains.
+
+    Products u_sᵀu_{s+1} of neighbours' scores, each equation in units of its own, have the mean zero and are themselves
+    uncorrelated where blocks are independent. What the fit takes out, -Σ tr(G_s M G_{s+1}), is added again.
+    """
+    products = np.zeros(max(reduction.n_blocks - 1, 0))
+    for equation, fit in zip(reduction.equations, select_fits(reduction, solution), strict=True):
+        columns = equation.whitened_columns if len(equation.counts) > 1 else None
+        if columns is None:
+            continue
+        share = columns.express_fit(fit)
+        scores = columns.compute_scores(compute_rests(equation, solution.values))
+        variance = float(np.sum(scores * scores)) / max(columns.count - float(np.sum(share * columns.squares)), 1.0)
+        if variance > 0:
+            left_out = float(np.sum(share * columns.sum_products[1])) / (len(scores) - 1)
+            products[: len(scores) - 1] += np.sum(scores[:-1] * scores[1:], axis=1) / variance + left_out
+    return bool(products.sum() > _BEYOND_CHANCE * np.linalg.norm(products)) if products.any() else False
 
 
 BLOCK = 1.0

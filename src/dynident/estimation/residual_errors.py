@@ -179,6 +179,21 @@ def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatA
     return np.array([float(rest @ rest) for rest in rests])
 
 
+def compute_residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """Return the standard deviation (n,) of every equation's residual, [12.7], parameters shared out over the rows.
+
+    Rows count as they are weighted within their equation; `compute_row_noise` has each count alike.
+    """
+    return compute_deviation(reduction, compute_weighted_squares(reduction, values))
+
+
+def compute_deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
+    """Return the standard deviation (n,) of rows whose squared residuals sum up to `squares` (n,), [12.7]."""
+    # Equations share the parameters: each loses degrees of freedom by its rows; below the limit variances diverge.
+    share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
+    return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))
+
+
 def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
     """Return ||W Δχ|| / ||Y||: the effect of a change of the parameters, relative to what was measured.
 

@@ -18,7 +18,6 @@ from dynident.array_types import FloatArray
 from dynident.estimation.least_squares import (
     EstimationError,
     ReweightedEquations,
-    compute_deviation,
     compute_rounding,
     floor_noise,
     measure_growth_of_terms,
@@ -26,6 +25,7 @@ from dynident.estimation.least_squares import (
     solve_ordinary,
 )
 from dynident.estimation.prior_information import PriorInformation
+from dynident.estimation.residual_errors import compute_deviation
 from dynident.estimation.row_groups import WeightedRows
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 

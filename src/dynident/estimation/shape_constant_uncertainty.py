@@ -123,7 +123,7 @@ def _build_prior_and_noise(
         return PriorInformation(np.vstack([wide, ranges_alone]), right, held), solution.noise
     # Rows count for as much as they are worth as independent samples; how they weigh among each other stays.
     noise, counts = solution.noise, reduction.row_counts
-    doubt = compute_correlated_noise(_select_parameters(reduction, b), solution.values)
+    doubt = compute_correlated_noise(_select_parameters(reduction, b), solution)
     size = float(np.sum(counts * noise**2))
     range_prior = PriorInformation(ranges_alone, np.zeros(k), held)
     return range_prior, noise * float(np.sqrt(np.sum(counts * doubt**2) / size)) if size > 0 else noise

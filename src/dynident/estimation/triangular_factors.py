@@ -287,9 +287,11 @@ class Reduction:
         equations, odd = [], self.n_blocks % 2
         for equation in self.equations:
             s, m, k = equation.factors.shape
-            # A block without rows fills the last pair up.
-            factors = np.concatenate([equation.factors, np.zeros((odd, m, k))]).reshape((s + odd) // 2, 2 * m, k)
-            counts = np.append(equation.counts, [0] * odd).reshape(-1, 2).sum(axis=1)
+            # A block without rows fills the last pair up. An equation without rows has no blocks.
+            filling = s % 2
+            factors = np.concatenate([equation.factors, np.zeros((filling, m, k))])
+            factors = factors.reshape((s + filling) // 2, 2 * m, k)
+            counts = np.append(equation.counts, [0] * filling).reshape(-1, 2).sum(axis=1)
             equations.append(EquationFactors(equation.columns, compute_r_factor(factors), counts))
         ends = np.append(self.spans[1::2, 1], self.spans[-1:, 1] if odd else [])
         spans = np.stack([self.spans[::2, 0], ends], axis=1)

@@ -58,9 +58,10 @@ class FilteredSamples:
     def split(self, time: float) -> tuple[FilteredSamples, FilteredSamples]:
         """Return the rows up to a time, and those after it."""
         count = int(np.searchsorted(self.t, time, side="right"))
-        return self._select(slice(count)), self._select(slice(count, None))
+        return self.select(slice(count)), self.select(slice(count, None))
 
-    def _select(self, rows: slice) -> FilteredSamples:
+    def select(self, rows: slice) -> FilteredSamples:
+        """Return these rows alone."""
         return FilteredSamples(
             self.t[rows],
             self.values[rows],

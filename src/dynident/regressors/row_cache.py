@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -219,15 +220,33 @@ def _read_samples(
     if head is None or observation.parts is None:
         yield from stream_filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
         return
-    # Filters act on every column by itself, and cut a recording into the same pieces whatever the columns: the new ones
-    # can be put behind the cached ones.
+    # Filters act on every column by itself: the new ones can be put behind the cached ones. Both are as many rows, but
+    # of many columns fewer samples are filtered at once.
     tail = stream_filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
-    for before, behind in zip(head, tail, strict=True):
+    cached = deque(samples for samples in head if len(samples.t))
+    for behind in tail:
+        if not len(behind.t):
+            yield behind
+            continue
+        before = _take_rows(cached, len(behind.t))
         whole = tuple(
-            None if kept_equation is None or new_equation is None else np.hstack([kept_equation[:, :-1], new_equation])
-            for kept_equation, new_equation in zip(before.whole, behind.whole, strict=True)
+            None if new is None or kept[0] is None else np.hstack([np.concatenate([w[:, :-1] for w in kept]), new])
+            for kept, new in zip(zip(*(part.whole for part in before), strict=True), behind.whole, strict=True)
         )
-        yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
+        values = np.concatenate([part.values for part in before])
+        yield replace(behind, values=np.hstack([values, behind.values]), whole=whole)
+
+
+def _take_rows(cached: deque[FilteredSamples], count: int) -> list[FilteredSamples]:
+    """Take so many rows from the front of cached samples, however these were cut."""
+    taken = []
+    while count:
+        first = cached.popleft()
+        taken.append(first.select(slice(0, count)))
+        if len(first.t) > count:
+            cached.appendleft(first.select(slice(count, None)))
+        count -= len(taken[-1].t)
+    return taken
 
 
 def _is_extension(observation: Observation, reference: ReferenceParameters, known: CachedRows) -> bool:

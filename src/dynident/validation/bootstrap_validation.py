@@ -14,7 +14,8 @@ import numpy as np
 
 from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap_estimates
 from dynident.estimation.block_bootstrap import DRAWS
-from dynident.estimation.parameter_covariance import FEWEST_CLUSTERS, find_occupied_blocks
+from dynident.estimation.parameter_covariance import find_occupied_blocks
+from dynident.estimation.residual_correlation import FEWEST_BLOCKS
 from dynident.identification import Identification
 from dynident.identification.shape_constant_intervals import linearise_shapes
 from dynident.identification.shape_refinement import list_shape_variables
@@ -153,8 +154,8 @@ def _find_obstacle(identification: Identification, stretches: int) -> str:
         )
     if identification.estimate.not_essential:
         return "Parameters were set to zero as not essential: validate the model before that step."
-    if stretches < FEWEST_CLUSTERS:
-        return f"There are {stretches} blocks of time; the bootstrap needs at least {FEWEST_CLUSTERS}."
+    if stretches < FEWEST_BLOCKS:
+        return f"There are {stretches} blocks of time; the bootstrap needs at least {FEWEST_BLOCKS}."
     return ""
 
 

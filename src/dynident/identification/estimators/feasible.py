@@ -20,7 +20,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, solve_weighted, statistics
 from dynident.estimation.constrained_least_squares import ConstrainedSolution
-from dynident.estimation.least_squares import are_weights_settled, build_weighted_factor, compute_correlated_noise
+from dynident.estimation.least_squares import are_weights_settled, compute_correlated_noise
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.estimators.feasible_problem import (
@@ -83,7 +83,12 @@ def solve_feasible(request: Problem) -> Fit:
     problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean), speeds)
     # Beside a prior rows count as information: correlated ones must not count as independent samples.
     is_weighed = known is not None and known.has_rows
-    levels = compute_correlated_noise if is_weighed else compute_noise_levels
+
+    def compute_levels(fit: Solution) -> FloatArray:
+        if is_weighed:
+            return compute_correlated_noise(data.equations, fit)
+        return compute_noise_levels(data.equations, fit.values)
+
     noise = unconstrained.noise
     converged = False
     for _ in range(_ROUNDS):
@@ -92,17 +97,15 @@ def solve_feasible(request: Problem) -> Fit:
         else:
             problem, constrained = minimise_entropic_cost(model, problem, believed, noise, speeds)
         # The noise depends on the residual, and that on the weights by the noise: iterate until both agree.
-        before, noise = noise, levels(data.equations, problem.to_base_parameters(constrained))
+        before, noise = noise, compute_levels(problem.to_solution(constrained, noise))
         if converged := are_weights_settled(data.equations, before, noise):
             break
-    values = problem.to_base_parameters(constrained)
-    factor = build_weighted_factor(data.equations, noise, problem.known)[:-1, :-1]
-    solution = Solution(values, noise, factor, problem.known, problem.find_free_directions(constrained), converged)
+    solution = replace(problem.to_solution(constrained, noise), converged=converged)
     return Fit(
         solution,
         defer(lambda: statistics(data.equations, solution, request.covariance)),
         _list_warnings(model, problem, constrained, data.equations, unconstrained),
-        problem.to_standard_parameters(constrained),
+        problem.to_standard_parameters(constrained, noise),
     )
 
 
@@ -178,7 +181,7 @@ def find_nearest_feasible(
     names = problem.bound_names
     limits = [model.columns[k].name for k in constrained.zeros]
     limits += dict.fromkeys(names[place] for place in constrained.edges)
-    return NearestFeasible(values, problem.to_standard_parameters(constrained), distance, tuple(limits))
+    return NearestFeasible(values, problem.to_standard_parameters(constrained, solution.noise), distance, tuple(limits))
 
 
 def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: DescriptionTrust) -> Fit:

@@ -253,10 +253,16 @@ class FeasibleProblem:
         free[moves] = directions[:, reached] * size[moves, None]
         return free
 
-    def to_standard_parameters(self, constrained: ConstrainedSolution) -> StandardParameters:
-        """Return the standard parameters with their standard deviations."""
+    def to_solution(self, constrained: ConstrainedSolution, noise: FloatArray) -> Solution:
+        """Return the base parameters as estimates with this noise (n,) of the equations."""
+        factor = build_weighted_factor(self.equations, noise, self.known)[:-1, :-1]
+        free = self.find_free_directions(constrained)
+        return Solution(self.to_base_parameters(constrained), noise, factor, self.known, free)
+
+    def to_standard_parameters(self, constrained: ConstrainedSolution, noise: FloatArray) -> StandardParameters:
+        """Return the standard parameters with their standard deviations; equations are weighted by `noise` (n,)."""
         # Noise of correlated residuals: deviations must not fall with every sample more.
-        noise = compute_correlated_noise(self.equations, self.to_base_parameters(constrained))
+        noise = compute_correlated_noise(self.equations, self.to_solution(constrained, noise))
         b = len(self.grouping)
         rows = np.vstack([build_weighted_factor(self.equations, noise, self.known)[:b, :b] @ self.written, self.rest])
         return StandardParameters(

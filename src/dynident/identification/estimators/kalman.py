@@ -20,15 +20,13 @@ from dynident.estimation import (
     EstimationError,
     PriorInformation,
     Reduction,
-    Solution,
     Statistics,
     build_prior,
-    build_weighted_factor,
     compute_errors,
-    compute_noise_levels,
+    compute_pooled_statistics,
     compute_row_freedom,
+    describe_fit,
     solve_weighted,
-    statistics,
 )
 from dynident.estimation.kalman_filter import (
     KalmanFilter,
@@ -385,16 +383,15 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
             f"its final parameters have a torque error of {format_percent(after, decimals=1)}, its initial parameters "
             f"{format_percent(before, decimals=1)}"
         )
-    noise = compute_noise_levels(data.equations, values)
     free = None if estimated.all() else np.eye(len(values))[:, estimated]
-    solution = Solution(values, noise, build_weighted_factor(data.equations, noise, known)[:-1, :-1], known, free)
+    solution = describe_fit(data.equations, values, known, free)
     # Every instant has two rows, of the torque and of the position. As the acceleration is unknown, they are worth one.
     uncertainty = compute_recursive_statistics(run.rows, run.values[-1], initial.known)
     worth = 0.5 * uncertainty.effective_rows
     covariance, freedom = np.zeros((len(values), len(values))), np.full(len(values), np.inf)
     covariance[np.ix_(estimated, estimated)] = uncertainty.covariance
     freedom[estimated] = compute_row_freedom(worth, int(estimated.sum()))
-    uncertainty = Statistics(covariance, worth, noise, freedom)
+    uncertainty = Statistics(covariance, worth, solution.noise, freedom)
     late = _count_changing(run, uncertainty.standard_deviations[estimated])
     return Fit(
         replace(solution, converged=not late),
@@ -467,7 +464,7 @@ def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -
             if share == START_SHARES[-1]:
                 raise
     # The filter needs a covariance of full rank, which one from blocks of time may not have.
-    uncertainty = statistics(beginning, solution, "by_joint")
+    uncertainty = compute_pooled_statistics(beginning, solution)
     estimated = ~solution.is_held
     c = int(estimated.sum())
     covariance = uncertainty.covariance[np.ix_(estimated, estimated)]

@@ -66,9 +66,7 @@ def estimate_robustly(problem: Problem) -> Fit:
     # worth.
     share = np.ones(len(first.noise))
     if known is not None and known.has_rows:
-        share = compute_correlated_noise(data.equations, first.values) / compute_noise_levels(
-            data.equations, first.values
-        )
+        share = compute_correlated_noise(data.equations, first) / compute_noise_levels(data.equations, first.values)
     values, converged = first.values, True
     # Huber's function has a single minimum, so it finds the start for the bisquare, which has several but ignores
     # outliers.

@@ -30,7 +30,8 @@ from dynident.estimation.parameter_correlation import (
     WeakDirection,
     find_collinearity,
 )
-from dynident.estimation.parameter_covariance import FEWEST_CLUSTERS, compute_null_space, find_occupied_blocks
+from dynident.estimation.parameter_covariance import compute_null_space, compute_pooled_statistics, find_occupied_blocks
+from dynident.estimation.residual_correlation import FEWEST_BLOCKS
 from dynident.identification.description_prior import check_unique
 from dynident.identification.identification_choices import EssentialChoices
 from dynident.identification.identified_models.identification_result import Estimate, Identification
@@ -92,11 +93,11 @@ def parameter_dependence(identification: Identification, most: int = MOST_SENTEN
 def _compute_motion_statistics(identification: Identification) -> Statistics:
     """Return the statistics that show how the motion couples the estimates."""
     current = identification.statistics
-    if identification.choices.covariance != "by_time_and_joints" or identification.estimate.not_essential:
+    if identification.choices.covariance == "independent" or identification.estimate.not_essential:
         return current
-    # A covariance from a few blocks of time has a low rank and makes up correlations. The covariance by joint is
-    # smoother.
-    return statistics(identification.data.equations, identification.estimate.solution, "by_joint")
+    # A covariance from a few blocks of time has a low rank and makes up correlations. One factor for all parameters of
+    # a joint is smoother.
+    return compute_pooled_statistics(identification.data.equations, identification.estimate.solution)
 
 
 def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
@@ -224,7 +225,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     equations, names = identification.data.equations, [column.name for column in identification.model.kept]
     full = _solve_plainly(identification)
     # The test is about many parameters at a time: a covariance from blocks of time alone has not the rank for it.
-    path = eliminate_parameters(equations, full, statistics(equations, full, "by_joint"), ratio)
+    path = eliminate_parameters(equations, full, compute_pooled_statistics(equations, full), ratio)
     held_out = identification.data.held_out
     steps = tuple(
         EssentialStep(
@@ -379,7 +380,7 @@ def _test_conditions(
 ) -> WaldTest:
     """Test whether functions of estimates are zero, with the degrees of freedom that their covariance is known with."""
     blocks = int(find_occupied_blocks(identification.data.equations).sum())
-    if identification.choices.covariance != "by_time_and_joints" or blocks < FEWEST_CLUSTERS:
+    if identification.choices.covariance != "by_time_and_joints" or blocks < FEWEST_BLOCKS:
         return compute_wald_test(values, covariance, freedom)
     if blocks <= len(values):
         raise DynidentError(

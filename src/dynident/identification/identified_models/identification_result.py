@@ -26,6 +26,7 @@ from dynident.estimation import (
     compute_equilibrated_condition_number,
     compute_row_noise,
     count_effective_rows,
+    describe_fit,
 )
 from dynident.estimation.least_squares import floor_noise
 from dynident.estimation.parameter_covariance import find_prior_dominated
@@ -442,7 +443,9 @@ class Identification(Deferring):
         """Number of independent samples that the torque rows of every joint are worth (n,)."""
         if self.data.is_fitted_to_torque:
             return self.statistics.effective_rows
-        return count_effective_rows(self.data.training, self.values)
+        solution = self.estimate.solution
+        fit = describe_fit(self.data.training, self.values, solution.known, solution.free)
+        return count_effective_rows(self.data.training, fit)
 
     @property
     def inertia_matrix_positive_definite(self) -> bool:

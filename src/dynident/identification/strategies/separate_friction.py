@@ -343,7 +343,7 @@ def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
     # First friction from its own runs, then the rest with it known.
     alone = take_step(estimator, problem, runs.equations, StepEstimates.empty(model.n_parameters), both, _PATIENCE)
     rest = take_step(estimator, problem, data.equations, alone.findings)
-    return conclude_steps(data, (alone, rest), _list_warnings(model, runs, alone.findings))
+    return conclude_steps(data, (alone, rest), problem.covariance, _list_warnings(model, runs, alone.findings))
 
 
 def _list_warnings(model: Model, runs: FrictionRuns, findings: StepEstimates) -> tuple[str, ...]:

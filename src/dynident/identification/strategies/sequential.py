@@ -28,10 +28,17 @@ from dynident.estimation import (
     Statistics,
     build_prior,
     build_weighted_factor,
-    compute_noise_levels,
+    compute_pooled_statistics,
     compute_row_freedom,
     count_effective_rows,
+    describe_fit,
 )
+from dynident.estimation.parameter_covariance import (
+    CovarianceName,
+    count_clusters,
+    estimate_cluster_covariance,
+)
+from dynident.estimation.residual_correlation import FEWEST_BLOCKS, compute_rests, join_dependent_blocks
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, Estimator, StepsName, StrategyChoices
@@ -41,11 +48,39 @@ from dynident.robot.robot_model import Robot
 _ROUNDING_SHARE = 1e-8
 # Share of the largest noise that every equation has at least: an exact equation would drown all others in rounding.
 _LEAST_NOISE = 1e-6
+# As many degrees of freedom as infinitely many to Student's t.
+_SURE = 1e6
 
 PATIENCE = 2.0
 """A function is left to later steps where its standard deviation from this step alone is more than so many times that
 from this step and all later ones. Values from 1.5 to 3 gave the same errors; without it they grew to 1.4 times those of
 the global strategy."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSource:
+    """What one step's rows have to do with the errors of estimates.
+
+    Parameters
+    ----------
+    gain : (m, k)
+        Errors of the functions that are known, for the rows' scores Wᵀρ / noise² (c,), or for errors whose
+        `covariance` (k, k) is known.
+    equations : Reduction
+        The rows.
+    noise : (n,)
+        What they were weighted by.
+    covariance : (k, k), optional
+        For rows that share no blocks of time with the others: of the functions that they gave.
+    freedom : float
+        Degrees of freedom that this covariance is known with, at least.
+    """
+
+    gain: FloatArray
+    equations: Reduction
+    noise: FloatArray
+    covariance: FloatArray | None = None
+    freedom: float = _SURE
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +94,15 @@ class StepEstimates:
     values : (m,)
         Their estimates.
     covariance : (m, m)
-        Covariance of the estimates.
+        Covariance of the estimates, with one correlation factor for each equation: it weighs them against later rows.
+    sources : tuple of ErrorSource
+        What each step's rows have to do with the errors of the estimates.
     """
 
     functions: FloatArray
     values: FloatArray
     covariance: FloatArray
+    sources: tuple[ErrorSource, ...] = ()
 
     @classmethod
     def empty(cls, n_columns: int) -> StepEstimates:
@@ -76,13 +114,17 @@ class StepEstimates:
         """Whether all parameters are determined."""
         return bool(self.functions.shape[0] == self.functions.shape[1])
 
-    def to_parameters(self) -> tuple[FloatArray, FloatArray]:
-        """Return χ (c,) and its covariance (c, c), once all parameters are determined."""
+    @property
+    def inverse(self) -> FloatArray:
+        """Inverse (c, c) of the functions, once all parameters are determined."""
         # Columns of equal size first: parameters in kg and kg m² make the inverse ill-conditioned otherwise.
         scale = np.linalg.norm(self.functions, axis=0)
-        inverse = np.linalg.inv(self.functions / scale) / scale[:, None]
-        covariance = inverse @ self.covariance @ inverse.T
-        return inverse @ self.values, 0.5 * (covariance + covariance.T)
+        return np.asarray(np.linalg.inv(self.functions / scale) / scale[:, None])
+
+    def to_parameters(self) -> tuple[FloatArray, FloatArray]:
+        """Return χ (c,) and its covariance (c, c), once all parameters are determined."""
+        covariance = self.inverse @ self.covariance @ self.inverse.T
+        return self.inverse @ self.values, 0.5 * (covariance + covariance.T)
 
     def to_information(self, n_columns: int) -> PriorInformation | None:
         """Return what is known, as equations of variables whose first are these functions."""
@@ -90,14 +132,16 @@ class StepEstimates:
             return None
         return build_prior(self.values, self.covariance, np.arange(len(self.values)), n_columns)
 
-    def add_estimates(
-        self, new: FloatArray, values: FloatArray, covariance: FloatArray, cross: FloatArray
-    ) -> StepEstimates:
-        """Add what a step found: functions (k, c), covariance (k, k) and, with the earlier estimates, (k, m)."""
+    def add_estimates(self, new: StepEstimates, cross: FloatArray, gain: FloatArray) -> StepEstimates:
+        """Add what a step found: k functions, their covariance and gain (k, m) with the m earlier estimates."""
+        m = len(self.values)
+        earlier = (replace(source, gain=np.vstack([source.gain, gain @ source.gain])) for source in self.sources)
+        own = (replace(source, gain=np.pad(source.gain, [(m, 0), (0, 0)])) for source in new.sources)
         return StepEstimates(
-            np.vstack([self.functions, new]),
-            np.concatenate([self.values, values]),
-            np.block([[self.covariance, cross.T], [cross, covariance]]),
+            np.vstack([self.functions, new.functions]),
+            np.concatenate([self.values, new.values]),
+            np.block([[self.covariance, cross.T], [cross, new.covariance]]),
+            (*earlier, *own),
         )
 
 
@@ -155,21 +199,34 @@ def take_step(
     # New coordinates: first the known functions, then those of this step. The pseudoinverse expresses the parameters
     # in them.
     whole = np.vstack([findings.functions, split.functions]) / split.scale
-    changed = equations.combine_columns(np.linalg.pinv(whole) / split.scale[:, None])
+    coordinates = np.linalg.pinv(whole) / split.scale[:, None]
+    changed = equations.combine_columns(coordinates)
+    data, known = replace(problem.data, equations=changed), findings.to_information(m + k)
+    is_shared = np.array_equal(equations.spans, problem.data.equations.spans)
+    kind = problem.covariance if is_shared or problem.covariance == "independent" else "by_joint"
+    fit = estimator.solve(replace(problem, data=data, known=known, covariance=kind))
+    new, solution = slice(m, m + n_found), fit.solution
     # Later steps take this covariance as a measurement error, so it has to have full rank. A covariance from a few
     # blocks of time would not.
-    data, known = replace(problem.data, equations=changed), findings.to_information(m + k)
-    fit = estimator.solve(replace(problem, data=data, known=known, covariance="by_joint"))
-    new = slice(m, m + n_found)
+    is_independent = problem.covariance == "independent"
+    covariance = compute_pooled_statistics(changed, solution, is_independent=is_independent).covariance[new, new]
     # The estimate moves with the error of what is known as (RᵀR)⁻¹ Fᵀε does, ε the known part's error in units of its
     # standard deviation; FᵀF is the inverse of its covariance.
-    cross = fit.solution.normal_inverse[new, :m]
-    covariance = fit.statistics.covariance[new, new]
-    grown = findings.add_estimates(split.functions[:n_found], fit.solution.values[new], covariance, cross)
-    return Step(grown, fit)
+    moves = solution.normal_inverse[new]
+    gain = np.zeros((n_found, m)) if known is None else (moves @ known.factor.T @ known.factor)[:, :m]
+    if is_shared:
+        source = ErrorSource(moves @ coordinates.T, equations, solution.noise)
+    else:
+        own = fit.statistics
+        freedom = float(own.freedom[new].min())
+        source = ErrorSource(np.eye(n_found), equations, solution.noise, own.covariance[new, new], freedom)
+    found = StepEstimates(split.functions[:n_found], solution.values[new], covariance, (source,))
+    return Step(findings.add_estimates(found, moves[:, :m], gain), fit)
 
 
-def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] = ()) -> Fit:
+def conclude_steps(
+    data: Data, steps: Sequence[Step], covariance: CovarianceName, warnings: tuple[str, ...] = ()
+) -> Fit:
     """Return the fit once all steps are taken; noise and factor are those of all equations with the final parameters.
 
     Parameters
@@ -178,6 +235,8 @@ def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] 
         Recordings reduced to the model's columns.
     steps : sequence of Step
         All steps, in their order.
+    covariance : str
+        Which correlations of the residuals are accounted for, see `estimation.statistics`.
     warnings : tuple of str
         Warnings of the strategy.
 
@@ -199,18 +258,49 @@ def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] 
             pointer="/strategy",
             title="Not identifiable",
         )
-    values, covariance = findings.to_parameters()
-    noise = compute_noise_levels(equations, values)
+    values, pooled = findings.to_parameters()
     fits = [step.fit for step in steps if step.fit is not None]
-    solution = Solution(
-        values,
-        noise,
-        build_weighted_factor(equations, noise)[:-1, :-1],
-        converged=all(fit.solution.converged for fit in fits),
-    )
-    worth = count_effective_rows(equations, values)
-    statistics = Statistics(covariance, worth, noise, compute_row_freedom(worth, len(values)))
+    solution = replace(describe_fit(equations, values), converged=all(fit.solution.converged for fit in fits))
+    worth = count_effective_rows(equations, solution)
+    statistics = Statistics(pooled, worth, solution.noise, compute_row_freedom(worth, len(values)))
+    if covariance != "independent" and count_clusters(equations, covariance) >= FEWEST_BLOCKS:
+        statistics = _replace_by_spread(statistics, equations, solution, findings, covariance)
     return Fit(solution, statistics, (*warnings, *(warning for fit in fits for warning in fit.warnings)))
+
+
+def _replace_by_spread(
+    pooled: Statistics, equations: Reduction, solution: Solution, findings: StepEstimates, kind: CovarianceName
+) -> Statistics:
+    """Return statistics by how far the estimates move when blocks of time are left out, through all steps."""
+    joined = join_dependent_blocks(equations, solution)
+    # In coordinates in which the normal equations of all rows are one, as `estimate_cluster_covariance` takes scores.
+    to_scores = np.linalg.inv(solution.root).T
+    maps, apart, doubt = {}, np.zeros((equations.n_columns, equations.n_columns)), np.zeros(equations.n_columns)
+    for source in findings.sources:
+        moves = findings.inverse @ source.gain
+        if source.covariance is not None:
+            part = moves @ source.covariance @ moves.T
+            apart += part
+            doubt += np.diag(part) ** 2 / source.freedom
+            continue
+        for equation, own, sigma in zip(joined.equations, source.equations.equations, source.noise, strict=True):
+            if len(own.counts):
+                maps[id(equation)] = moves.T @ to_scores / sigma**2
+
+    def compute_step_scores(part: Reduction, _: FloatArray) -> FloatArray:
+        scores = np.zeros((part.n_blocks, equations.n_columns))
+        for equation in part.equations:
+            if id(equation) in maps:
+                own = compute_rests(equation, solution.values)[:, None, :] @ equation.factors[:, :, :-1]
+                scores += own[:, 0] @ maps[id(equation)][equation.columns]
+        return scores
+
+    spread = estimate_cluster_covariance(joined, solution, kind, compute_step_scores)
+    covariance = spread.covariance + apart
+    # Of a sum of variances (Welch).
+    doubt += np.diag(spread.covariance) ** 2 / spread.freedom
+    freedom = np.diag(covariance) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
+    return replace(pooled, covariance=covariance, freedom=np.clip(freedom, 1.0, _SURE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +390,7 @@ def solve_sequentially(choices: StrategyChoices, problem: Problem) -> Fit:
         to_come -= set(joints)
         findings = step.findings
         steps.append(step)
-    return conclude_steps(data, steps)
+    return conclude_steps(data, steps, problem.covariance)
 
 
 def iterate_steps(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
