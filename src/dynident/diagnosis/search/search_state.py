@@ -13,7 +13,6 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, compute_held_out_errors, score_folds
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.significance import (
-    BaselineErrors,
     FamilywiseLevels,
     ScoredCandidate,
     combine_scores,
@@ -286,13 +285,9 @@ def _score_same_rows(
     blocks = JointBlocks.from_products(rows.data, state.columns, candidates)
     fits = FoldedFits.from_blocks(rows.data, blocks, noise, KINDS)
     scores_by_kind, contributions = score_folds(rows.data, fits, candidates, noise, by_parameters=by_parameters)
-    bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
     acting = find_acting_columns(state.pool)
-    scored = [
-        combine_scores(pair, _list_joints(acting, candidate), noise, bars)
-        for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
-    ]
-    return scored, contributions
+    joints = [_list_joints(acting, candidate) for candidate in candidates]
+    return combine_scores([scores for _, scores in scores_by_kind], joints, noise), contributions
 
 
 def find_acting_columns(pool: Pool) -> BoolArray:
