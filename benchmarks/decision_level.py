@@ -63,7 +63,7 @@ def drawn(rng: np.random.Generator, n_blocks: int, long: int) -> tuple[float, bo
     data = Products.from_grams(grams, position, counts, np.zeros(n_blocks, dtype=np.intp))
     base, noise, joints = np.arange(MODEL), np.ones(JOINTS), tuple(range(JOINTS))
     scores = [score_candidates(data, base, candidates, noise, kind)[1] for kind in ("interleaved", "contiguous")]
-    judged = [combine_scores(pair, joints, noise) for pair in zip(*scores, strict=True)]
+    judged = combine_scores(scores, [joints] * len(candidates), noise)
     p = compute_familywise_p(
         np.array([item.gains for item in judged]), compute_contributions(data, base, candidates, noise)
     )

@@ -22,7 +22,7 @@ def explaining(*joints: str) -> ScoredCandidate:
     candidate = Candidate("stribeck", joints, PEAK, (5,))
     before = np.ones((20, 1))
     score = Score(candidate, before, 0.5 * before, 1.0, np.ones(1), np.ones(1))
-    return combine_scores([score, score], (0,), np.ones(1))
+    return combine_scores([[score], [score]], [(0,)], np.ones(1))[0]
 
 
 def test_a_friction_peak_that_may_as_well_be_on_another_passive_joint_is_told_with_it():

@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates import inner_product_accumulation, products_of_scored_pairs
+from dynident.diagnosis.candidates import (
+    inner_product_accumulation,
+    products_of_scored_pairs,
+    time_blocks_and_folds,
+)
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import (
     FoldedFits,
@@ -79,7 +83,7 @@ def test_several_kinds_of_folds_at_once_give_what_each_gives_by_itself(expected,
         RowStack, "read_blocks", lambda stack, *asked: read.append(len(asked[1])) or read_blocks(stack, *asked)
     )
     fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, BASE, CANDIDATES), NOISE, kinds)
-    scores, contributions = score_folds(data, fits, CANDIDATES, NOISE)
+    scores, contributions = score_folds(data, fits, CANDIDATES, NOISE, by_parameters=True)
     # Every block of both kinds of rows of a joint is read once, to fit and to score, however many kinds of folds ask.
     assert sum(read) == (2 * JOINTS * STRETCHES if expected > 1 else 0)
     for (before, each), kind in zip(scores, kinds, strict=True):
@@ -93,7 +97,8 @@ def test_several_kinds_of_folds_at_once_give_what_each_gives_by_itself(expected,
 
 def test_rows_of_many_joints_take_half_the_memory_and_give_the_same_scores(monkeypatch):
     exact = gathered(1000)
-    monkeypatch.setattr(inner_product_accumulation, "_MOST_PRODUCTS", 0)
+    monkeypatch.setattr(inner_product_accumulation, "MOST_PRODUCTS", 0)
+    monkeypatch.setattr(time_blocks_and_folds, "MOST_PRODUCTS", 0)
     data = gathered(1000)
     stacks = [stack for own in data.stacks for stack in own if isinstance(stack, RowStack)]
     assert {stack.columns.dtype for stack in stacks} == {np.dtype(np.float32)}
@@ -135,7 +140,7 @@ def test_rows_of_many_joints_are_kept_as_long_as_they_are_fewer_than_their_produ
         ((stacks, _),) = collected.finish(np.arange(blocks))
         return {type(stack) for stack in stacks}
 
-    monkeypatch.setattr(inner_product_accumulation, "_MOST_PRODUCTS", 5 * (width + 1) ** 2 * blocks)
+    monkeypatch.setattr(inner_product_accumulation, "MOST_PRODUCTS", 5 * (width + 1) ** 2 * blocks)
     # Twenty rows a block are fewer numbers than the products of thirty columns.
     assert collect(5, 20) == {ProductStack}
     assert collect(12, 20) == {RowStack}

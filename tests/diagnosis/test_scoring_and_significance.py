@@ -350,7 +350,7 @@ def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
 
 
 def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> ScoredCandidate:
-    item = combine_scores([scored(before, after)] * 2, joints, np.ones(before.shape[1]))
+    item = combine_scores([[scored(before, after)]] * 2, [joints], np.ones(before.shape[1]))[0]
     return replace(item, p=float(compute_familywise_p(item.gains[None], silent(item.gains[None]))[0]))
 
 
@@ -386,7 +386,7 @@ def test_a_loss_counts_for_no_more_than_there_was():
 
 def test_a_gain_in_one_kind_of_folds_alone_does_not_pass():
     before = np.random.default_rng(2).uniform(0.9, 1.1, (40, 2))
-    item = combine_scores([scored(before, 0.5 * before), scored(before, 1.01 * before)], (0, 1), np.ones(2))
+    item = combine_scores([[scored(before, 0.5 * before)], [scored(before, 1.01 * before)]], [(0, 1)], np.ones(2))[0]
     assert item.drop < 0
     assert not is_significant(replace(item, p=0.0))
 
@@ -447,7 +447,7 @@ def test_a_name_that_one_run_alone_speaks_for_is_not_found_again_without_it():
 def test_errors_are_counted_in_units_of_each_joints_noise():
     before = np.ones((40, 2)) * [1.0, 100.0]
     after = before * [0.5, 1.0]
-    item = combine_scores([scored(before, after)] * 2, (0,), np.array([1.0, 10.0]))
+    item = combine_scores([[scored(before, after)]] * 2, [(0,)], np.array([1.0, 10.0]))[0]
     np.testing.assert_allclose(item.gains, 0.5)
     assert item.drop == pytest.approx(0.5)
     np.testing.assert_allclose(item.after_weighted, 0.5)

@@ -60,13 +60,6 @@ def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[B
     return tuple(portions)
 
 
-def split_by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
-    """Split values of all portions in a row into one array (g, k, k) a portion."""
-    sizes = [portion.columns.size * portion.width for portion in portions]
-    parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
-    return tuple(part.reshape(-1, portion.width, portion.width) for part, portion in zip(parts, portions, strict=True))
-
-
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
     """Parameters of the candidates of every portion.
@@ -140,67 +133,6 @@ class OwnColumns:
         return cls(candidates, tuple((owner[k], amplitudes[k], place[columns[amplitudes[k]]]) for k in layers))
 
 
-@dataclass(frozen=True, eq=False)
-class _SharedColumns:
-    """Candidates with p columns on the joint: these (g, p), and where their products (g, p, p) belong."""
-
-    columns: IndexArray
-    where: IndexArray
-
-
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Where products within candidates belong among those of all portions in a row.
-
-    Parameters
-    ----------
-    size : int
-        Number of products within candidates, all portions in a row.
-    squares, own : (d,)
-        Places of the squares of columns of candidates with one, and these columns.
-    several : tuple of _SharedColumns
-        Places of the products of candidates with several columns.
-    """
-
-    size: int
-    squares: IndexArray
-    own: IndexArray
-    several: tuple[_SharedColumns, ...]
-
-    @classmethod
-    def from_places(cls, place: IndexArray, n_columns: int, portions: Sequence[Batch]) -> Pairs:
-        """Find the places for one joint.
-
-        Parameters
-        ----------
-        place : (c,)
-            Where each column of the candidates stands among those of the joint, at the end where the joint lacks it.
-        n_columns : int
-            Number of columns that the joint has.
-        portions : sequence of Batch
-            The candidates, by number of columns.
-        """
-        squares, own, several, start = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [], 0
-        for portion in portions:
-            k = portion.width
-            places = place[portion.columns]
-            has = places < n_columns
-            flat = start + np.arange(places.size * k).reshape(-1, k, k)
-            counts = has.sum(axis=1)
-            is_single = has & (counts == 1)[:, None]
-            squares.append(np.einsum("gkk->gk", flat)[is_single])
-            own.append(places[is_single])
-            # Candidates that share a number of columns are multiplied at once, as a stack of small matrices.
-            for p in sorted(set(counts[counts > 1].tolist())):
-                members = np.flatnonzero(counts == p)
-                which = np.nonzero(has[members])[1].reshape(-1, p)
-                rows = members[:, None]
-                where = flat[rows[:, :, None], which[:, :, None], which[:, None, :]]
-                several.append(_SharedColumns(places[rows, which], where))
-            start += places.size * k
-        return cls(start, np.concatenate(squares), np.concatenate(own), tuple(several))
-
-
 # Ridge on the model's equations with unit columns, on those of a candidate, and share of the largest eigenvalue below
 # which a direction is not determined.
 _RIDGE = 1e-10
@@ -210,18 +142,18 @@ _ROUNDING = 1e-12
 
 
 class JointSums(NamedTuple):
-    """Sums of one joint over cells of blocks, of the w columns of the model and the x of the candidates that it has.
+    """Sums of one joint over f sets of blocks, of the w columns of the model and the x of the candidates that it has.
 
     Parameters
     ----------
-    products : (cells, w + 1, w + 1 + x)
+    products : (f, w + 1, w + 1 + x)
         Products of W and Y with W, Y and X.
-    xx : (cells, pairs)
-        XᵀX within candidates, all portions in a row.
+    xx : tuple of (f, g, k, k)
+        XᵀX within candidates, by portion.
     """
 
     products: FloatArray
-    xx: FloatArray
+    xx: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)

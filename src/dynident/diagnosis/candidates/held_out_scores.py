@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from dynident.diagnosis.candidates.fold_fit import (
     ProductSums,
     list_extra_columns,
     split_batches,
-    split_by_portion,
 )
 from dynident.diagnosis.candidates.products_of_scored_pairs import (
     JointBlock,
@@ -33,7 +31,7 @@ from dynident.diagnosis.candidates.products_of_scored_pairs import (
     ProductBlock,
     RowBlock,
 )
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, RowStack, number_folds, order_by_folds
+from dynident.diagnosis.candidates.time_blocks_and_folds import BlockSets, Products, RowStack
 from dynident.estimation import PriorInformation
 
 # Difference from one below which a direction lies in the span of others.
@@ -56,6 +54,8 @@ class JointBlocks:
         The candidates, by number of columns.
     joints : tuple of JointBlock
         Rows or products of each joint.
+    sets : BlockSets
+        The folds in which candidates are scored.
     known : PriorInformation or None
         What is known of the model's parameters beside the data.
     """
@@ -65,6 +65,7 @@ class JointBlocks:
     n_blocks: int
     portions: tuple[Batch, ...]
     joints: tuple[JointBlock, ...]
+    sets: BlockSets
     known: PriorInformation | None
 
     @classmethod
@@ -73,7 +74,7 @@ class JointBlocks:
         extra = list_extra_columns(candidates)
         portions = split_batches(candidates, extra)
         joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))
-        return cls(np.asarray(base, dtype=np.intp), len(extra), data.n_blocks, portions, joints, data.known)
+        return cls(np.asarray(base, dtype=np.intp), len(extra), data.n_blocks, portions, joints, data.sets, data.known)
 
     def select_blocks(self, blocks: IndexArray) -> JointBlocks:
         """Return the same for some of the blocks."""
@@ -91,36 +92,34 @@ class JointBlocks:
 
     def sum_products(self, noise: FloatArray) -> ProductSums:
         """Return the sums over all blocks and joints, each joint in units of its noise (n,)."""
-        return self.sum_cells(noise, np.zeros(self.n_blocks, dtype=np.intp), np.ones((1, 1)))[0]
+        return self.sum_sets(noise, self.sets)[0]
 
-    def sum_cells(self, noise: FloatArray, cells: IndexArray, members: FloatArray) -> list[ProductSums]:
-        """Return the sums over several sets of cells.
+    def sum_sets(self, noise: FloatArray, sets: BlockSets) -> list[ProductSums]:
+        """Return the sums over sets of blocks.
 
         Parameters
         ----------
         noise : (n,)
             Standard deviation of the noise of each joint, N m or N.
-        cells : (s,)
-            Number of the cell of each block; ascending.
-        members : (sets, cells)
-            One for the cells of each set, zero for others.
+        sets : BlockSets
+            Sets of blocks.
         """
-        f, b, c = len(members), len(self.base), self.n_extra
+        f, b, c = len(sets.members), len(self.base), self.n_extra
         ww, wx, wy, xy = np.zeros((f, b, b)), np.zeros((f, b, c)), np.zeros((f, b)), np.zeros((f, c))
-        xx = np.zeros((f, sum(portion.columns.size * portion.width for portion in self.portions)))
+        within = [np.zeros((f, *portion.columns.shape, portion.width)) for portion in self.portions]
         for block, sigma in zip(self.joints, noise, strict=True):
+            products, own_pairs = block.sum_sets(sets)
             # Rows of a joint count by the inverse of the variance of its noise, as in the fit of the model.
-            by_cell = block.sum_products(cells)
-            products, own_xx = (np.tensordot(members / sigma**2, each, 1) for each in by_cell)
+            products /= sigma**2
             w, have = len(block.have), block.have
             has = np.flatnonzero(block.place < products.shape[2] - w - 1)
             ww[:, have[:, None], have] += products[:, :w, :w]
             wx[:, have[:, None], has] += products[:, :w, w + 1 :]
             wy[:, have] += products[:, :w, w]
             xy[:, has] += products[:, w, w + 1 :]
-            xx += own_xx
-        within = [split_by_portion(own, self.portions) for own in xx]
-        return [ProductSums(*sums) for sums in zip(ww, wx, wy, xy, within, strict=True)]
+            for whole, own in zip(within, own_pairs, strict=True):
+                whole += own / sigma**2
+        return [ProductSums(ww[k], wx[k], wy[k], xy[k], tuple(own[k] for own in within)) for k in range(f)]
 
     def read_pieces(self) -> Iterator[tuple[int, slice, JointPiece]]:
         """Yield joint, blocks, and their rows or products, some blocks at a time."""
@@ -133,9 +132,8 @@ def _build_block(
     data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
 ) -> JointBlock:
     # Rows are used as they are where all of them are at hand; one kind in products makes products of all.
-    stacks = [stack for stack in data.stacks[joint] if isinstance(stack, RowStack)]
-    if len(stacks) == len(data.stacks[joint]):
-        return RowBlock.from_stacks(stacks, data.position[joint], (base, extra), portions, data.n_blocks)
+    if all(isinstance(stack, RowStack) for stack in data.stacks[joint]):
+        return RowBlock.from_products(data, joint, base, extra, portions)
     return ProductBlock.from_products(data, joint, base, extra, portions)
 
 
@@ -193,19 +191,15 @@ class FoldedFits:
 
     @classmethod
     def from_blocks(cls, data: Products, blocks: JointBlocks, noise: FloatArray, kinds: Sequence[str]) -> FoldedFits:
-        """Fit all of them; every row is multiplied once, whatever the number of kinds."""
-        folds = number_folds(data.run, kinds)
-        order = order_by_folds(folds)
-        folds, ordered = folds[:, order], blocks.select_blocks(order)
-        # Cells are blocks that are in the same fold of every kind.
-        is_first = np.append(True, (np.diff(folds, axis=1) != 0).any(axis=0))
-        left_out = [own == number for own in folds[:, is_first] for number in range(own.max() + 1)]
-        members = np.array([np.ones(is_first.sum(), dtype=bool), *left_out], dtype=np.float64)
-        total, *sums = ordered.sum_cells(noise, np.cumsum(is_first) - 1, members)
+        """Fit all of them."""
+        sets = data.sets if set(kinds) <= set(data.sets.kinds) else data.number_sets(kinds)
+        sums = blocks.sum_sets(noise, sets)
         # Sums over the training blocks are those of all blocks minus those left out.
-        fits = iter([blocks.fit_model(total.subtract(own)) for own in sums])
-        by_kind = tuple(tuple(islice(fits, int(own.max()) + 1)) for own in folds)
-        return cls(ordered, blocks.fit_model(total), by_kind, folds, order)
+        by_kind = tuple(
+            tuple(blocks.fit_model(sums[0].subtract(sums[k])) for k in sets.list_folds(kind)) for kind in kinds
+        )
+        folds = sets.folds[[sets.kinds.index(kind) for kind in kinds]][:, sets.order]
+        return cls(blocks.select_blocks(sets.order), blocks.fit_model(sums[0]), by_kind, folds, sets.order)
 
     def read_errors(self) -> Iterator[tuple[int, IndexArray, tuple[JointErrors, ...]]]:
         """Yield joint, blocks, and their errors in the fit to all blocks and by kind in those without their fold."""
@@ -230,19 +224,19 @@ def score_candidates(
         Squared errors of the model alone, and a score for every candidate.
     """
     fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, base, candidates), noise, (kind,))
-    ((scored,), _) = score_folds(data, fits, candidates, noise)
+    ((scored,), _) = score_folds(data, fits, candidates, noise, by_parameters=False)
     return scored
 
 
 def score_folds(
-    data: Products, fits: FoldedFits, candidates: Sequence[Candidate], noise: FloatArray
+    data: Products, fits: FoldedFits, candidates: Sequence[Candidate], noise: FloatArray, *, by_parameters: bool
 ) -> tuple[list[tuple[FloatArray, list[Score]]], list[FloatArray]]:
-    """Score every candidate in some kinds of folds, and by the scores of its parameters.
+    """Score every candidate in some kinds of folds and, where asked for, by the scores of its parameters.
 
     Returns
     -------
     tuple of list, list of (s, k)
-        What `score_candidates` returns, by kind; and what `compute_contributions` returns.
+        What `score_candidates` returns, by kind; and what `compute_contributions` returns, or nothing.
     """
     s, n, blocks = data.n_blocks, data.n_joints, fits.blocks
     before = [np.zeros((s, n)) for _ in fits.fits]
@@ -252,7 +246,7 @@ def score_folds(
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
     amplitudes_of_fits = [[blocks.fit_amplitudes(fit) for fit in each] for each in fits.fits]
     for j, own, (fitted, *held_out) in fits.read_errors():
-        if len(members):
+        if by_parameters and len(members):
             sums[own] += fitted.compute_scores() / noise[j] ** 2
         for k, errors in enumerate(held_out):
             before[k][own, j] = errors.alone
@@ -272,7 +266,8 @@ def score_folds(
         ]
         for alone, each in zip(before, after, strict=True)
     ]
-    return list(zip(before, scores, strict=True)), _distribute_scores(fits.whole, sums, len(candidates))
+    contributions = _distribute_scores(fits.whole, sums, len(candidates)) if by_parameters else []
+    return list(zip(before, scores, strict=True)), contributions
 
 
 def compute_contributions(

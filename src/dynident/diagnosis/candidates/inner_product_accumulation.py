@@ -19,6 +19,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
     KINDS,
+    MOST_PRODUCTS,
     Products,
     ProductStack,
     RowStack,
@@ -44,10 +45,6 @@ MANY = 80
 _MOST_ROWS = 48
 """A block, on average, and joint. From about as many on as a usual model has columns, scores are read more quickly from
 their products (`benchmarks/rows_or_products.py`)."""
-
-_MOST_PRODUCTS = 2**26
-"""Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers, and in four bytes
-each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
 
 
 class BlockNumbering:
@@ -129,7 +126,7 @@ class RowAccumulator:
 
     def __init__(self, widths: Sequence[int], kinds: int, expected: int) -> None:
         expected = max(expected, 1)
-        is_large = sum((width + 1) ** 2 for width in widths) * expected > _MOST_PRODUCTS
+        is_large = sum((width + 1) ** 2 for width in widths) * expected > MOST_PRODUCTS
         number = np.dtype(np.float32 if is_large else np.float64)
         self._joints = [[_JointAccumulator(width + 1, expected, number) for _ in range(kinds)] for width in widths]
         # A block of more rows than columns has fewer products.

@@ -20,9 +20,9 @@ from dynident.diagnosis.candidates.fold_fit import (
     FoldFit,
     JointSums,
     OwnColumns,
-    Pairs,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
+    BlockSets,
     Products,
     RowRuns,
     RowStack,
@@ -97,17 +97,15 @@ class ProductBlock:
         """Yield everything at once: it is at hand."""
         yield slice(0, len(self.yy)), self
 
-    def sum_products(self, cells: IndexArray) -> JointSums:
-        """Return the sums over the blocks of each cell; cells (s,) ascend."""
-        firsts = np.searchsorted(cells, np.arange(cells[-1] + 1))
-        ww, wx, wy, xy, yy = (
-            np.add.reduceat(each, firsts) for each in (self.ww, self.wx[:, :, :-1], self.wy, self.xy[:, :-1], self.yy)
+    def sum_sets(self, sets: BlockSets) -> JointSums:
+        """Return the sums over sets of blocks."""
+        members = sets.members[:, sets.cells]
+        ww, wx, wy, xy, yy, *pairs = (
+            np.tensordot(members, each, 1) for each in (self.ww, self.wx, self.wy, self.xy, self.yy, *self.pairs)
         )
-        of_w = np.concatenate([ww, wy[:, :, None], wx], axis=2)
-        of_y = np.concatenate([wy, yy[:, None], xy], axis=1)[:, None]
-        nothing = np.zeros((len(firsts), 0))
-        within = [np.add.reduceat(pairs, firsts).reshape(len(firsts), -1) for pairs in self.pairs]
-        return JointSums(np.concatenate([of_w, of_y], axis=1), np.concatenate([nothing, *within], axis=1))
+        of_w = np.concatenate([ww, wy[:, :, None], wx[:, :, :-1]], axis=2)
+        of_y = np.concatenate([wy, yy[:, None], xy[:, :-1]], axis=1)[:, None]
+        return JointSums(np.concatenate([of_w, of_y], axis=1), tuple(pairs))
 
     def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> ProductErrors:
         """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
@@ -202,46 +200,48 @@ class RowBlock:
 
     Parameters
     ----------
+    data : Products
+        Rows of all joints.
+    joint : int
+        Number of the joint.
     have : (w,)
         Columns of the model that the joint has.
     place : (c,)
         Where each column of the candidates stands among the x that the joint has, x for those that it lacks.
-    stacks : tuple of RowStack
-        The rows of the joint, by kind.
     needed : (w + 1 + x,)
         Where the columns of the model, Y, and the columns of the candidates stand in them.
     blocks : (s,)
         The blocks of time.
-    pairs : Pairs
-        Products within candidates that the joint has a share in.
+    portions : tuple of Batch
+        The candidates, by number of columns.
     own : OwnColumns
         Candidates that have columns of their own on the joint.
     """
 
+    data: Products
+    joint: int
     have: IndexArray
     place: IndexArray
-    stacks: tuple[RowStack, ...]
     needed: IndexArray
     blocks: IndexArray
-    pairs: Pairs
+    portions: tuple[Batch, ...]
     own: OwnColumns
 
     @classmethod
-    def from_stacks(
-        cls,
-        stacks: Sequence[RowStack],
-        where: IndexArray,
-        columns: tuple[IndexArray, IndexArray],
-        portions: Sequence[Batch],
-        n_blocks: int,
+    def from_products(
+        cls, data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
     ) -> RowBlock:
         """Take what is needed out of a joint's rows."""
-        base, extra = columns
-        have, wp = find_present(where, base)
-        place, xp = locate_columns(where, extra)
-        pairs = Pairs.from_places(place, len(xp), portions)
+        have, wp = find_present(data.position[joint], base)
+        place, xp = locate_columns(data.position[joint], extra)
         own = OwnColumns.from_places(place, len(xp), portions)
-        return cls(have, place, tuple(stacks), np.concatenate([wp, [-1], xp]), np.arange(n_blocks), pairs, own)
+        needed, blocks = np.concatenate([wp, [-1], xp]), np.arange(data.n_blocks)
+        return cls(data, joint, have, place, needed, blocks, tuple(portions), own)
+
+    @property
+    def stacks(self) -> list[RowStack]:
+        """The rows of the joint, by kind."""
+        return self.data.list_row_stacks(self.joint)
 
     @property
     def n_columns(self) -> int:
@@ -282,12 +282,21 @@ class RowBlock:
             row_block = np.concatenate([own for _, own in parts])
         return RowPiece(self, columns, RowRuns(row_block, len(blocks)))
 
-    def sum_products(self, cells: IndexArray) -> JointSums:
-        """Return the sums over the blocks of each cell; cells (s,) ascend."""
-        count, w = int(cells[-1]) + 1, len(self.have)
-        sums = JointSums(np.zeros((count, w + 1, len(self.needed))), np.zeros((count, self.pairs.size)))
-        for where, piece in self.read_pieces():
-            piece.add_products(cells[where], sums)
+    def sum_sets(self, sets: BlockSets) -> JointSums:
+        """Return the sums over sets of blocks."""
+        left = self.needed[: len(self.have) + 1]
+        products = self.data.sum_sets(self.joint, sets, left, self.needed)
+        return JointSums(products, tuple(self._sum_pairs(sets, portion) for portion in self.portions))
+
+    def _sum_pairs(self, sets: BlockSets, portion: Batch) -> FloatArray:
+        """Return XᵀX (f, g, k, k) within the candidates of a portion."""
+        places = self.place[portion.columns]
+        has = places < self.n_columns
+        member, first, second = np.nonzero(has[:, :, None] & has[:, None, :])
+        of_x = self.needed[len(self.have) + 1 :]
+        sums = np.zeros((len(sets.members), *places.shape, portion.width))
+        pairs = of_x[places[member, first]], of_x[places[member, second]]
+        sums[:, member, first, second] = self.data.sum_pairs(self.joint, sets, *pairs)
         return sums
 
 
@@ -323,19 +332,6 @@ class RowPiece:
     def x(self) -> FloatArray:
         """Columns (x, m) of the candidates."""
         return self.columns[len(self.block.have) + 1 :]
-
-    def add_products(self, cells: IndexArray, sums: JointSums) -> None:
-        """Add the products of the rows to those of the cells (s,) that their blocks are in."""
-        left, pairs = self.columns[: len(self.block.have) + 1], self.block.pairs
-        spans = list(self.runs.split_rows(cells))
-        starts = [rows.start for _, rows in spans]
-        squares = np.add.reduceat(np.square(self.x[pairs.own]), starts, axis=1) if spans else np.zeros((0, 0))
-        several = [(group.where, self.x[group.columns]) for group in pairs.several]
-        for (cell, rows), own in zip(spans, squares.T, strict=True):
-            sums.products[cell] += left[:, rows] @ self.columns[:, rows].T
-            sums.xx[cell, pairs.squares] += own
-            for where, columns in several:
-                sums.xx[cell, where] += columns[:, :, rows] @ columns[:, :, rows].transpose(0, 2, 1)
 
     def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> RowErrors:
         """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
@@ -475,5 +471,5 @@ class JointBlock(Protocol):
     def read_pieces(self) -> Iterator[tuple[slice, JointPiece]]:
         """Yield the blocks, some at a time, and which these are."""
 
-    def sum_products(self, cells: IndexArray) -> JointSums:
-        """Return the sums over the blocks of each cell; cells (s,) ascend."""
+    def sum_sets(self, sets: BlockSets) -> JointSums:
+        """Return the sums over sets of blocks, which do not depend on the blocks that were selected."""

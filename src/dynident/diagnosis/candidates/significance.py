@@ -302,56 +302,62 @@ class BaselineErrors:
 
 
 def combine_scores(
-    scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[BaselineErrors] | None = None
-) -> ScoredCandidate:
-    """Combine a candidate's scores in the two kinds of folds.
+    scores: Sequence[Sequence[Score]], joints: Sequence[tuple[int, ...]], noise: FloatArray
+) -> list[ScoredCandidate]:
+    """Combine the scores of candidates in the two kinds of folds.
 
     Parameters
     ----------
-    scores : sequence of Score
-        One for each kind of folds.
-    joints : tuple of int
-        Indices of the joints that the candidate acts on.
+    scores : sequence of sequence of Score
+        For each kind of folds, the scores of all candidates.
+    joints : sequence of tuple of int
+        Indices of the joints that each candidate acts on.
     noise : (n,)
         Standard deviation of the noise of each joint, N m or N.
-    bars : sequence of BaselineErrors, optional
-        What the model alone leaves, one for each kind of folds, where that is at hand.
 
     Returns
     -------
-    ScoredCandidate
-        The candidate with what both kinds say.
+    list of ScoredCandidate
+        The candidates with what both kinds say.
     """
-    bars = bars or [BaselineErrors.from_errors(score.before, noise) for score in scores]
-    drops, totals, gains, errors = [], [], [], []
-    index = list(joints)
-    for score, bar in zip(scores, bars, strict=True):
-        # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
-        after = np.minimum(score.after, bar.most)
-        gain = (bar.squares - after) * bar.weight
-        base, own = bar.sums[index], (bar.factor @ gain)[index]
-        gains.append(gain.sum(axis=1) * bar.factor)
-        drops.append(own / np.maximum(base, np.finfo(float).tiny))
-        totals.append(float(own.sum()) / max(float(base.sum()), np.finfo(float).tiny))
-        errors.append(after)
-    # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
-    alone = len(scores[0].candidate.joints) < 2
-    mean_gain, after = _average_arrays(gains), _average_arrays(errors)
-    return ScoredCandidate(
-        candidate=scores[0].candidate,
-        joints=joints,
-        before=_average_arrays([bar.squares for bar in bars]),
-        after=after,
+    if not joints:
+        return []
+    bars = [BaselineErrors.from_errors(own[0].before, noise) for own in scores]
+    # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
+    errors = [np.minimum([score.after for score in own], bar.most) for own, bar in zip(scores, bars, strict=True)]
+    gains = [(bar.squares - own) * bar.weight for own, bar in zip(errors, bars, strict=True)]
+    removed = [np.einsum("s,csn->cn", bar.factor, own) for own, bar in zip(gains, bars, strict=True)]
+    mean_gains = _average_arrays([own.sum(axis=2) * bar.factor for own, bar in zip(gains, bars, strict=True)])
+    before, after = _average_arrays([bar.squares for bar in bars]), _average_arrays(errors)
+    t, improved = compute_evenness(mean_gains), (mean_gains > 0).mean(axis=1)
+    scored = []
+    for k, (score, own_joints) in enumerate(zip(scores[0], joints, strict=True)):
+        index, tiny = list(own_joints), np.finfo(float).tiny
+        pairs = [(own[k, index], bar.sums[index]) for own, bar in zip(removed, bars, strict=True)]
+        # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
         # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
-        drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
-        t=float(compute_evenness(mean_gain[None])[0]),
-        gains=mean_gain,
-        separability=scores[0].separability,
-        amplitudes=scores[0].amplitudes,
-        share_improved=float(np.mean(mean_gain > 0)),
-        measured=scores[0].measured,
-        after_weighted=after[:, index] @ bars[0].weight[index],
-    )
+        if len(score.candidate.joints) < 2 and own_joints:
+            drop = np.min([own / np.maximum(base, tiny) for own, base in pairs], axis=0).max()
+        else:
+            drop = min(own.sum() / max(base.sum(), tiny) for own, base in pairs)
+        scored.append(
+            ScoredCandidate(
+                candidate=score.candidate,
+                joints=own_joints,
+                before=before,
+                # Copies, since a candidate that lasts would keep the arrays of all that were scored with it.
+                after=after[k].copy(),
+                drop=float(drop),
+                t=float(t[k]),
+                gains=mean_gains[k].copy(),
+                separability=score.separability,
+                amplitudes=score.amplitudes,
+                share_improved=float(improved[k]),
+                measured=score.measured,
+                after_weighted=after[k][:, index] @ bars[0].weight[index],
+            )
+        )
+    return scored
 
 
 def _average_arrays(values: Sequence[FloatArray]) -> FloatArray:

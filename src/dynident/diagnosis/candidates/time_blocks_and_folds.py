@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from dynident.array_types import FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.estimation import PriorInformation, Reduction
 
 KINDS = ("interleaved", "contiguous")
@@ -24,6 +24,11 @@ N_FOLDS = 5
 N_PARTS = 10
 # Share of a column's squares in one fold from which on the others do not determine its parameter.
 NEARLY_ALL = 0.9
+MOST_PRODUCTS = 2**26
+"""Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers, and in four bytes
+each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
+# Of rows where a joint moves with those at reversals, those beside halts, both or none.
+_COMBINATIONS = 4
 # A pause of this share of all the time parts two runs.
 _PAUSE = 0.1
 
@@ -112,6 +117,52 @@ class RowRuns:
             yield number, slice(int(edges[runs.start]), int(edges[runs.stop]))
 
 
+@dataclass(frozen=True, eq=False)
+class BlockSets:
+    """Sets of blocks over which products are summed: all blocks, and those of each fold.
+
+    Parameters
+    ----------
+    kinds : tuple of str
+        Kinds of folds.
+    folds : (kinds, s)
+        Number of the fold that each block is in, by kind.
+    """
+
+    kinds: tuple[str, ...]
+    folds: IndexArray
+
+    @cached_property
+    def order(self) -> IndexArray:
+        """Numbers of the blocks (s,), such that those in the same fold of every kind follow one another."""
+        return order_by_folds(self.folds)
+
+    @cached_property
+    def _is_first(self) -> BoolArray:
+        """Which blocks (s,), in that order, begin a cell: blocks that are in the same fold of every kind."""
+        return np.append(True, (np.diff(self.folds[:, self.order], axis=1) != 0).any(axis=0))
+
+    @cached_property
+    def cells(self) -> IndexArray:
+        """Number of the cell that each block is in (s,)."""
+        cells = np.empty(len(self.order), dtype=np.intp)
+        cells[self.order] = np.cumsum(self._is_first) - 1
+        return cells
+
+    @cached_property
+    def members(self) -> FloatArray:
+        """(sets, cells): one for the cells of each set, zero for others."""
+        each = self.folds[:, self.order[self._is_first]]
+        left_out = [own == number for own in each for number in range(own.max() + 1)]
+        return np.array([np.ones(each.shape[1], dtype=bool), *left_out], dtype=np.float64)
+
+    def list_folds(self, kind: str) -> range:
+        """Return the numbers of the sets that are the folds of a kind."""
+        counts, place = self.folds.max(axis=1) + 1, self.kinds.index(kind)
+        first = 1 + int(counts[:place].sum())
+        return range(first, first + int(counts[place]))
+
+
 class RowStack:
     """The rows [W | Y] themselves.
 
@@ -131,6 +182,27 @@ class RowStack:
 
     def __init__(self, values: FloatArray, row_block: IndexArray, n_blocks: int) -> None:
         self.columns, self._runs = np.ascontiguousarray(values.T), RowRuns(row_block, n_blocks)
+        self._sums: FloatArray | None = None
+
+    def add_sums(
+        self, sets: BlockSets, rows: IndexArray | slice, columns: IndexArray | slice, sums: FloatArray
+    ) -> None:
+        """Add the products at some places to those (sets, k, l) over sets of blocks."""
+        for cell, span in self._runs.split_rows(sets.cells):
+            first, second = (self.columns[places, span].astype(np.float64, copy=False) for places in (rows, columns))
+            own = first @ second.T
+            for number in np.flatnonzero(sets.members[:, cell]):
+                sums[number] += own
+
+    def get_sums(self, sets: BlockSets) -> FloatArray:
+        """Return the products (sets, p + 1, p + 1) of all columns; they are kept.
+
+        Every combination of rows has those in which a joint moves.
+        """
+        if self._sums is None:
+            self._sums = np.zeros((len(sets.members), len(self.columns), len(self.columns)))
+            self.add_sums(sets, slice(None), slice(None), self._sums)
+        return self._sums
 
     def sum_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (k, l) over all blocks, at some places."""
@@ -277,6 +349,56 @@ class Products:
         for other in others:
             first += other
         return first
+
+    @cached_property
+    def sets(self) -> BlockSets:
+        """The folds in which candidates are scored."""
+        return self.number_sets(KINDS)
+
+    def sum_sets(self, joint: int, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (sets, k, l) of a joint's rows over sets of blocks, at some of its places."""
+        if self._keeps_sums(sets):
+            return self._get_sums(joint)[:, rows][:, :, columns]
+        sums = np.zeros((len(sets.members), len(rows), len(columns)))
+        for stack in self.list_row_stacks(joint):
+            stack.add_sums(sets, rows, columns, sums)
+        return sums
+
+    def sum_pairs(self, joint: int, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (sets, l) of pairs (l,) of a joint's columns over sets of blocks."""
+        if self._keeps_sums(sets):
+            return self._get_sums(joint)[:, rows, columns]
+        return np.asarray(np.tensordot(sets.members[:, sets.cells], self.take_products(joint, rows, columns), 1))
+
+    def list_row_stacks(self, joint: int) -> list[RowStack]:
+        """List the rows of a joint, by kind; those that are folded to products are none."""
+        return [stack for stack in self.stacks[joint] if isinstance(stack, RowStack)]
+
+    def _keeps_sums(self, sets: BlockSets) -> bool:
+        """Return whether sums of all columns are kept: every score of a search takes some of those of its own folds."""
+        return sets is self.sets and self._has_few_sums
+
+    @cached_property
+    def _has_few_sums(self) -> bool:
+        """Whether the sums of all columns are few numbers, of all combinations of rows: where joints are few."""
+        squares = sum((int((where >= 0).sum()) + 1) ** 2 for where in self.position)
+        return _COMBINATIONS * len(self.sets.members) * squares <= MOST_PRODUCTS
+
+    def _get_sums(self, joint: int) -> FloatArray:
+        """Return the products (sets, p + 1, p + 1) of all columns of a joint's rows in the folds of scores."""
+        return self.find_cached(("sums", joint), lambda: self._build_sums(*self.list_row_stacks(joint)))
+
+    def _build_sums(self, moving: RowStack, *others: RowStack) -> FloatArray:
+        sums = moving.get_sums(self.sets)
+        if others:
+            sums = sums.copy()
+        for stack in others:
+            stack.add_sums(self.sets, slice(None), slice(None), sums)
+        return sums
+
+    def number_sets(self, kinds: Sequence[str]) -> BlockSets:
+        """Return folds of some kinds as sets of blocks."""
+        return BlockSets(tuple(kinds), number_folds(self.run, kinds))
 
     def torque_squared(self) -> FloatArray:
         """Return the sum (n,) of each joint's squared torque."""

@@ -13,7 +13,6 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, compute_held_out_errors, score_folds
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.significance import (
-    BaselineErrors,
     FamilywiseLevels,
     ScoredCandidate,
     combine_scores,
@@ -176,7 +175,7 @@ def score_all(
     scored = {
         k: each
         for rows in _group_by_rows(state, candidates, kinds)
-        for k, each in zip(rows.members, _score_same_rows(rows, state)[0], strict=True)
+        for k, each in zip(rows.members, _score_same_rows(rows, state, by_parameters=False)[0], strict=True)
     }
     return [scored[k] for k in range(len(candidates))]
 
@@ -233,7 +232,7 @@ def score_family(
     stale = [candidate for candidate in candidates if candidate not in pairs]
     is_fresh = len(stale) == len(candidates) or (earlier is not None and earlier.is_fresh and not changed)
     for rows in _group_by_rows(state, stale, None):
-        for scored, own in zip(*_score_same_rows(rows, state), strict=True):
+        for scored, own in zip(*_score_same_rows(rows, state, by_parameters=True), strict=True):
             by_scores = state.pool.is_change(scored.candidate) or may_use_scores(scored.candidate)
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
             pairs[scored.candidate] = scored, own if by_scores else np.zeros_like(own)
@@ -278,19 +277,17 @@ def _group_by_rows(
         yield _CommonRows(members, own, state.data.select_for_candidates(state.base, np.array(used)))
 
 
-def _score_same_rows(rows: _CommonRows, state: State) -> tuple[list[ScoredCandidate], list[FloatArray]]:
-    """Score candidates that are all about the same rows; return what each block adds to their scores, too."""
+def _score_same_rows(
+    rows: _CommonRows, state: State, *, by_parameters: bool
+) -> tuple[list[ScoredCandidate], list[FloatArray]]:
+    """Score candidates that are all about the same rows; return what each block adds to their scores, if asked for."""
     candidates, noise = rows.candidates, state.noise
     blocks = JointBlocks.from_products(rows.data, state.columns, candidates)
     fits = FoldedFits.from_blocks(rows.data, blocks, noise, KINDS)
-    scores_by_kind, contributions = score_folds(rows.data, fits, candidates, noise)
-    bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
+    scores_by_kind, contributions = score_folds(rows.data, fits, candidates, noise, by_parameters=by_parameters)
     acting = find_acting_columns(state.pool)
-    scored = [
-        combine_scores(pair, _list_joints(acting, candidate), noise, bars)
-        for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
-    ]
-    return scored, contributions
+    joints = [_list_joints(acting, candidate) for candidate in candidates]
+    return combine_scores([scores for _, scores in scores_by_kind], joints, noise), contributions
 
 
 def find_acting_columns(pool: Pool) -> BoolArray:
