@@ -26,6 +26,8 @@ _CORRECTIONS = ("permutation", "signs", "scale", "zeros", "torque_delay")
 """Metadata by which a file states what a check of the dynamics proposes."""
 _NOT_CURED = ("gravity", "zeros")
 """Questions about the robot as much as about the file: `--cure` leaves them open."""
+_ABOUT_EFFORT = ("effort_kind", "units/tau")
+"""Questions of what the efforts are, and in which unit."""
 _OTHER_SOURCES = ("name", "format", "role", "accept")
 """Metadata that the file itself tells, or that have options or commands of their own."""
 
@@ -55,6 +57,21 @@ class StatedAnswers:
     accept: Sequence[str] = ()
     cure: bool = False
     metadata: RecordingMetadata = field(default_factory=RecordingMetadata)
+
+    def are_currents(self, questions: Sequence[Question], has_gains: bool) -> bool:
+        """Tell whether efforts are currents, or other numbers that drive gains make torques of.
+
+        A metadata file says so, or gains where the question is what the efforts are. Whether their size is then that of
+        torques is checked when they are read.
+        """
+        if any(_signal_kind(signal) in ("tau", "current") for signal in (*self.columns, *self.units)):
+            return False
+        if self.metadata.effort_kind is not None:
+            return self.metadata.effort_kind == "motor_current"
+        return has_gains and any(
+            question.field == "units/tau" or (question.field == "effort_kind" and "motor_current" in question.choices)
+            for question in questions
+        )
 
     def is_answered(self, question: Question) -> bool:
         """Tell whether these options answer a question."""
@@ -131,6 +148,10 @@ def _signal_kind(key: str) -> str:
     return max(kinds, key=len, default=key)
 
 
+def _name_current(tau: str) -> str:
+    return f"current{tau.removeprefix('tau')}"
+
+
 def accept_proposal(
     path: Path, inspection: Inspection, *, has_gains: bool, answers: StatedAnswers | None = None
 ) -> RecordingMetadata:
@@ -140,10 +161,13 @@ def accept_proposal(
     """
     assert inspection.proposal is not None
     stated_answers = answers or StatedAnswers()
+    are_currents = stated_answers.are_currents(inspection.proposal.questions, has_gains)
     open_questions = [
         question
         for question in inspection.proposal.questions
-        if not (has_gains and question.field == NEEDED_FOR_GAINS) and not stated_answers.is_answered(question)
+        if not (has_gains and question.field == NEEDED_FOR_GAINS)
+        and not (are_currents and question.field in _ABOUT_EFFORT)
+        and not stated_answers.is_answered(question)
     ]
     # To go on would be a guess, of which the user would not learn.
     if open_questions:
@@ -165,7 +189,11 @@ def accept_proposal(
             title="Open questions",
         )
     proposal = inspection.proposal
-    columns = dict(proposal.columns)
+    columns, units = dict(proposal.columns), dict(proposal.units)
+    if are_currents:
+        # A gain is per unit of the numbers as they are, and what a unit of torque makes of them would be another size.
+        columns = {_name_current(ours) if ours.startswith("tau") else ours: column for ours, column in columns.items()}
+        units = {ours: unit for ours, unit in units.items() if _signal_kind(ours) != "tau"}
     # The user says that the effort columns are currents: the proposed torque columns would contradict that.
     if any(_signal_kind(signal) == "current" for signal in stated_answers.columns):
         columns = {ours: theirs for ours, theirs in columns.items() if _signal_kind(ours) != "tau"}
@@ -173,8 +201,8 @@ def accept_proposal(
     return replace(
         stated_answers.metadata,
         columns={**columns, **stated_answers.metadata.columns},
-        units={**proposal.units, **stated_answers.metadata.units},
-        effort_kind=stated_answers.metadata.effort_kind or proposal.effort_kind,
+        units={**units, **stated_answers.metadata.units},
+        effort_kind=stated_answers.metadata.effort_kind or ("motor_current" if are_currents else proposal.effort_kind),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
@@ -37,6 +38,29 @@ def test_a_cured_file_gives_the_model_of_the_right_one(turned: Path) -> None:
     assert cured["residual"]["relative_total"] == pytest.approx(right["residual"]["relative_total"], rel=1e-6)
     told = [one["detail"] for one in cured["measurements"][0]["checks"] if one["name"] == "cure"]
     assert told == ["Read with this correction: signs tau1: -1."]
+
+
+def test_a_recording_that_does_not_show_a_fault_is_cured_with_one_that_does(turned: Path) -> None:
+    """Where the joint of the wrong sign hardly moves, nothing is wrong; but the sign is that of the robot."""
+    table = pacsv.read_csv(write_run(turned / "seed2.csv", 2))
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    still = columns | {"q1": 0.0 * columns["q1"], "tau1": 0.0 * columns["tau1"] + 1e-3 * np.sin(columns["t"])}
+    pacsv.write_csv(pa.table(still), turned / "still.csv")
+    both = ("identify", turned / "arm.urdf", turned / "still.csv", turned / "wrong.csv", "--cure", "--json")
+    answer = dynident(*both)
+    assert answer.code == 0, answer.err
+    told = [
+        [one["detail"] for one in run["checks"] if one["name"] == "cure"] for run in answer.document["measurements"]
+    ]
+    assert told == 2 * [["Read with this correction: signs tau1: -1."]]
+
+
+def test_a_recording_that_is_right_contradicts_one_that_is_cured(turned: Path) -> None:
+    both = ("identify", turned / "arm.urdf", turned / "right.csv", turned / "wrong.csv", "--cure")
+    answer = dynident(*both)
+    assert answer.code == 2
+    assert "contradict" in answer.err
+    assert "right does not" in answer.err
 
 
 def test_a_report_says_how_a_cured_file_was_read(turned: Path) -> None:

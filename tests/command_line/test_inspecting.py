@@ -6,6 +6,7 @@ import json
 import shlex
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import dynident, write_run
@@ -61,6 +62,39 @@ def test_a_foreign_file_needs_no_option_where_nothing_is_open(foreign, tmp_path)
     assert refused.code != 0
     assert "Unknown columns" in refused.err
     assert "--as-proposed" in refused.err
+
+
+def test_joints_that_are_counted_from_zero_need_no_option(tmp_path):
+    """Columns of the usual names are there, but they are those of other joints."""
+    table = pacsv.read_csv(write_run(tmp_path / "run1.csv", 1))
+    names = [f"{name[:-1]}{int(name[-1]) - 1}" if name[-1].isdigit() else name for name in table.column_names]
+    pacsv.write_csv(table.rename_columns(names), tmp_path / "zero.csv")
+    known = dynident("identify", "scara", tmp_path / "run1.csv", "--json").document
+    found = dynident("identify", "scara", tmp_path / "zero.csv", "--json").document
+    assert found["residual"] == known["residual"]
+
+
+def test_many_files_of_one_recording_may_have_more_letters_than_the_name_of_a_file(tmp_path):
+    names = [f"{kind}_of_the_joint_number_{joint}_of_the_scara.txt" for kind in ("q", "tau") for joint in range(1, 5)]
+    assert len("+".join(names)) > 255
+    assert "No such file" in dynident("inspect", tmp_path / "+".join(names), "--robot", "scara").err
+
+
+def test_drive_gains_answer_what_numbers_of_unknown_kind_are(foreign, tmp_path):
+    """They are per unit of the numbers, whatever these are called."""
+    table = pacsv.read_csv(foreign[0])
+    efforts = {name: f"Effort{name[-1]}" for name in table.column_names if name.startswith("act_trq_")}
+    numbers = pa.table({efforts.get(name, name): table[name] for name in table.column_names})
+    for name in efforts.values():
+        place = numbers.column_names.index(name)
+        numbers = numbers.set_column(place, name, pa.array(numbers[name].to_numpy() / 37.0))
+    pacsv.write_csv(numbers, tmp_path / "efforts.csv")
+    refused = dynident("identify", "scara", tmp_path / "efforts.csv")
+    assert "Open questions" in refused.err
+    found = dynident("identify", "scara", tmp_path / "efforts.csv", "--drive-gains", "37,37,37,37", "--json").document
+    known = dynident("identify", "scara", foreign[0], "--json").document
+    for one, other in zip(found["parameters"], known["parameters"], strict=True):
+        assert one["value"] == pytest.approx(other["value"], rel=1e-3, abs=1e-6)
 
 
 @pytest.fixture

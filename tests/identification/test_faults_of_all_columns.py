@@ -196,6 +196,15 @@ def test_a_torque_without_friction_and_inertia_is_a_command() -> None:
     assert not [one for one in findings(record(ROBOT, motion, load + friction + noise)) if one.name == found.name]
 
 
+def test_a_sensor_behind_the_gears_measures_gravity_alone_in_a_slow_motion() -> None:
+    """Ten times slower, inertia is a hundred times smaller: its absence is no sign of a command."""
+    motion, _ = measured()
+    slow = Motion(motion.t * 10.0, motion.q, motion.dq / 10.0, motion.ddq / 100.0)
+    tau = pinocchio_torque(ROBOT, slow.q, slow.dq, slow.ddq)
+    noise = 0.002 * np.abs(tau).max() * np.random.default_rng(1).normal(size=tau.shape)
+    assert findings(record(ROBOT, slow, tau + noise)) == []
+
+
 def test_outer_drives_in_another_unit_are_told_together_and_by_a_ratio() -> None:
     motion, tau = measured()
     (found,) = findings(record(ROBOT, motion, tau * np.where(np.arange(6) > 2, 207.0, 1.0)))

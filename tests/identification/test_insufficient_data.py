@@ -78,3 +78,15 @@ def test_a_prior_of_links_that_cannot_exist_is_infeasible(estimator):
     assert (raised.value.pointer, raised.value.title) == ("/prior", "Infeasible prior")
     found = identify(robot, [run()], choices=replace(choices, free_links=("elbow_joint",)))
     assert found.inertia_matrix_positive_definite
+
+
+def test_friction_and_an_offset_are_one_where_a_joint_never_turns_back():
+    """The joint moved, so to ask for motion would be the wrong reason."""
+    motion = fourier_motion(ROBOT, 10.0, 200.0, seed=2)
+    q, dq, ddq = (item.copy() for item in (motion.q, motion.dq, motion.ddq))
+    q[:, 1], dq[:, 1], ddq[:, 1] = 0.15 * motion.t - 1.0 + 0.1 * np.sin(motion.t), 0.15 + 0.1 * np.cos(motion.t), 0.0
+    ddq[:, 1] = -0.1 * np.sin(motion.t)
+    tau = pinocchio_torque(ROBOT, q, dq, ddq) + np.sign(dq) + dq
+    oneway = record(ROBOT, replace(motion, q=q, dq=dq, ddq=ddq), tau)
+    with pytest.raises(DynidentError, match=r"Fc2, b2.*one direction only"):
+        identify(ROBOT, [oneway], choices=replace(CHOICES, effects=(*EFFECTS, EffectChoice("offset"))))

@@ -20,6 +20,7 @@ from dynident.identification.robot_recording_import import (
     MOST_CURES,
     import_cured,
     list_shared_cures,
+    note_cure,
     word_contradiction,
 )
 from dynident.number_format import format_percent
@@ -324,7 +325,36 @@ def read_files(
         raise _join_errors(failures, len(files), contradiction, write_remedy) from failures[0][1]
     if contradiction:
         raise RecordingError(contradiction, title=CONTRADICTION)
-    return Recordings(tuple(recordings))
+    # A recording that shows a wrong sign or order does not only tell what is wrong with itself.
+    shared = list_shared_cures(outcomes)
+    return Recordings(tuple(_share_cures(recording, shared, write_remedy) for recording in recordings))
+
+
+def _share_cures(
+    recording: CheckedRecording, shared: Sequence[Revision], write_remedy: Callable[[Remedy], str]
+) -> CheckedRecording:
+    """Return a recording with the cures of others, where it was read without them because it does not show the fault.
+
+    Raises
+    ------
+    RecordingError
+        Where it is right as it is: the recordings contradict each other.
+    """
+    source, robot = recording.source, recording.robot
+    if source is None or robot is None or not (missing := [each for each in shared if each not in source.edits]):
+        return recording
+    metadata, file = source.metadata, SourceFile(source.path, source.metadata.name, owner=source.owner)
+    for revision in missing:
+        metadata = revision.apply_to(metadata)
+    try:
+        read = _read_recording(file, robot, metadata, write_remedy, edits=(*source.edits, *missing))
+    except RecordingError as error:
+        raise RecordingError(
+            f"Other recordings need {'; '.join(map(str, missing))}, but {recording.name} does not: with it, "
+            f"{error.detail} Look at whether the recordings were made in different ways.",
+            title=CONTRADICTION,
+        ) from error
+    return replace(read, checks=(*read.checks, *map(note_cure, missing)))
 
 
 def _read_recording(

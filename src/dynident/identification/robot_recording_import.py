@@ -227,14 +227,14 @@ def import_cured(
                 except RecordingError:
                     pass
                 else:
-                    notes = tuple(_note_cure(revision) for revision in known)
+                    notes = tuple(note_cure(revision) for revision in known)
                     return CuredRecording(shared.recording, (*shared.checks, *notes), tuple(known), shared.metadata)
             if cure is None:
                 raise
             done.append(cure)
             metadata = cure.apply_to(metadata)
             continue
-        notes = tuple(_note_cure(revision) for revision in done)
+        notes = tuple(note_cure(revision) for revision in done)
         return CuredRecording(recording, (*checks, *notes), tuple(done), metadata)
 
 
@@ -244,7 +244,8 @@ def _apply_all(revisions: Sequence[Revision], metadata: RecordingMetadata) -> Re
     return metadata
 
 
-def _note_cure(revision: Revision) -> Check:
+def note_cure(revision: Revision) -> Check:
+    """Return the check that says with which cure a recording was read."""
     return Check("cure", "warning", f"Read with this correction: {revision}.")
 
 

@@ -419,6 +419,7 @@ class _ColumnFinder:
         signal = {"t": "the time", "q": "the position", "tau": "the torque"}.get(kind, kind)
         available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         ours, hint = kind if joint is None else self.joints.name_columns(kind, joint)[-1], ""
+        from_zero = f"{kind}0" in self.names  # A usual name is then that of another joint.
         remedies = [Remedy("columns", {ours: "…"})]
         if kind == "t":
             remedies.append(Remedy("rate"))
@@ -427,7 +428,7 @@ class _ColumnFinder:
             hint = " If it is in another file, give both files as one recording, a.csv+b.csv."
         if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
             hint += " The file has no column names, so the columns are numbered here."
-        elif f"{kind}0" in self.names:
+        elif from_zero:
             hint = f" Joints are counted from 1 here, but the file has {kind}0: map the columns."
         if kind == "tau" and joint is not None and self.find("q_command", joint) is not None:
             remedies.append(Remedy("effort_kind", "position_command"))
@@ -441,7 +442,7 @@ class _ColumnFinder:
             f"There is no column {expected} for {signal}{whose}{instead}. The file has: {available}. Name it by "
             f"{remedies[0]}{advice}{hint}",
             pointer=f"/columns/{ours}",
-            title="Missing column" if names - set(self.metadata.columns.values()) else UNKNOWN_COLUMNS,
+            title="Missing column" if names - {*self.metadata.columns.values()} and not from_zero else UNKNOWN_COLUMNS,
             remedies=(*remedies, *further),
         )
 
@@ -493,8 +494,7 @@ class _ColumnFinder:
         for key in self.metadata.units:
             if key not in KINDS and key not in our_names:
                 raise RecordingError(
-                    f"units names {key!r}, which is neither a kind of signal ({', '.join(KINDS)}) nor a standard "
-                    "column (q1, q_<joint>, …).",
+                    f"units names {key!r}, neither a kind of signal ({', '.join(KINDS)}) nor a standard column (q1 …).",
                     pointer=f"/units/{key}",
                     title="Unknown unit",
                 )

@@ -109,10 +109,18 @@ def split_path(path: Path) -> list[Path]:
     """
     text = str(path)
     # A file whose own name has a + in it goes before the several that it might mean.
-    if JOINT not in text or path.exists():
+    if JOINT not in text or _exists(path):
         return [path]
     first, *others = (Path(part) for part in text.split(JOINT))
     return [first, *(other if other.exists() else first.parent / other for other in others)]
+
+
+def _exists(path: Path) -> bool:
+    """Tell whether a file exists; one cannot whose name is longer than the system allows, as of many joined names."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
 
 
 def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:

@@ -38,6 +38,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     describe_further_joints,
     describe_waves,
     find_columns_of_other_joints,
+    name_further_efforts,
 )
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
@@ -192,6 +193,7 @@ class _ColumnInference(WorkingProposal):
         if self.moving_base is not None:
             add_base_columns(self, self.moving_base)
         drop_dependent_questions(self)
+        self.questions = name_further_efforts(self.questions, self.further_efforts)
         self._ask_about_guessed_time()
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
             self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
@@ -243,7 +245,9 @@ class _ColumnInference(WorkingProposal):
         candidates = [group for group in candidates if self.alive[list(group.columns)].any() and group not in silent]
         # Torque is preferred to current, as it needs no drive gains.
         candidates.sort(key=lambda group: (group.rank, group.signal != "tau"))
-        if not candidates and silent:
+        # What stands in for a torque that no drive wrote: how far the commands are ahead.
+        commands = self.find_command(groups, position) if silent and not candidates else []
+        if not candidates and silent and not commands:
             self.assign_columns(silent[0].signal or "tau", silent[0])
             # Numbers far below any torque are memory into which nothing was written.
             size = f"below {_NOTHING:g}" if 0.0 < smallest < _NOTHING else "0"
@@ -256,7 +260,7 @@ class _ColumnInference(WorkingProposal):
             return None, "joint_torque"
         if not candidates:
             slide = all(joint.kind == "prismatic" for joint in self.robot.joints)
-            candidates = find_forces(groups, slide=slide) or self._find_torque_of_most_joints(position)
+            candidates = commands or find_forces(groups, slide=slide) or self._find_torque_of_most_joints(position)
             candidates = candidates or self.find_command(groups, position)
         if not candidates:
             if any(question.field == "robot" for question in self.questions):
@@ -272,6 +276,7 @@ class _ColumnInference(WorkingProposal):
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
             self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)
+        self.further_efforts = [self.name_columns(group) for group in candidates if group is not best]
         kind = _read_kind(best)
         if kind in NO_MEASUREMENT:
             self.refuse_kind(kind, self.name_columns(best))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import ColumnName, find_waves
-from dynident.recordings.recording_metadata import Check, EffortKind
+from dynident.recordings.recording_metadata import COMMANDED, Check, EffortKind
 
 
 @dataclass(frozen=True)
@@ -202,3 +202,9 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
     known = {word for column in named if column.name in used for word in column.words}
     strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
     return [column.name for column in strange if not set(column.words) <= known]
+
+
+def name_further_efforts(questions: Sequence[Question], names: Sequence[str]) -> list[Question]:
+    """Name the columns that may hold a measured torque in the question about one that a controller computed."""
+    others = f" It may be in {'; '.join(names)}." if names else ""
+    return [replace(each, detail=f"{each.detail}{others}") if each.check == COMMANDED else each for each in questions]

@@ -47,6 +47,8 @@ class WorkingProposal:
         The guesses so far.
     questions : list of Question
         The questions so far.
+    further_efforts : list of str
+        Names of columns that may be the torque instead of those that are taken.
     t : (m,)
         Times in s, once the clock is known.
     values : (m, columns)
@@ -62,6 +64,7 @@ class WorkingProposal:
     units: dict[str, str] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
+    further_efforts: list[str] = field(default_factory=list)
     t: FloatArray = field(default_factory=lambda: np.zeros(0))
     values: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     silent: list[int] = field(default_factory=list)

@@ -313,13 +313,29 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
     unseen = find_undetermined_parameters(model, reduction, known)
     if unseen:
         stands = f". {STANDING_SHOWS_NO_MASS}" if model.robot.contacts else ""
+        why = (
+            "(in this motion they act alike, as friction and an offset do where a joint moves in one direction only); "
+            "add a run in which the joint also moves back, or leave one of the effects out"
+            if _act_alike(model, reduction, unseen)
+            else "(the data do not determine the parameters of a joint that moves too little); lock that joint, leave "
+            "its effects out, or add a run in which it moves; if it did move, its position was not recorded"
+        )
         raise EstimationError(
-            f"not identifiable from these data: {_name_parameters(model, unseen)} (the data do not determine the "
-            "parameters of a joint that moves too little); lock that joint, leave its effects out, or add a run in "
-            f"which it moves; if it did move, its position was not recorded{stands}",
+            f"not identifiable from these data: {_name_parameters(model, unseen)} {why}{stands}",
             pointer="/recordings",
             title="Not identifiable",
         )
+
+
+def _act_alike(model: Model, reduction: Reduction, names: Sequence[str]) -> bool:
+    """Tell whether each of these parameters acts on its joint as another one of them does, up to a factor."""
+    places = [k for k, column in enumerate(model.kept) if column.name in names]
+    factor = build_weighted_factor(reduction, np.ones(len(reduction.equations)))[:-1, places]
+    norms = np.linalg.norm(factor, axis=0)
+    if not norms.all():
+        return False
+    cosines = np.abs((factor / norms).T @ (factor / norms)) - np.eye(len(places))
+    return bool((cosines.max(axis=0) > 1.0 - _TINY).all())
 
 
 _HOMOGENEOUS = 0.3

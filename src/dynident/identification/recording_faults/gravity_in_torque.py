@@ -92,15 +92,24 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     # Joints that carry little are left out: their torque is friction and noise.
     heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
     loads = judge.compute_load_columns(q)
+    # What links of the description's masses add to their load in this motion, where it has masses.
+    load = _compute_load(robot, q) if _has_masses(robot) else None
+    added = None if load is None else compute_described_torque(robot, q, dq, ddq) - load
+    shows_inertia = added is None
     shares: list[tuple[float, float]] = []
     for joint in np.flatnonzero(heavy):
         # Dry and viscous friction and the inertia of the drive: what motion adds to any measured torque.
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
         share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
-        if share_left > _UNEXPLAINED_BY_GRAVITY or moving > max(_NO_FRICTION, _BY_CHANCE * share_left):
+        bound = max(_NO_FRICTION, _BY_CHANCE * share_left)
+        if share_left > _UNEXPLAINED_BY_GRAVITY or moving > bound:
             return None
+        if load is not None and added is not None:
+            size = float(np.linalg.norm(load[:, joint]))
+            shows_inertia = shows_inertia or _BELIEVED * float(np.linalg.norm(added[:, joint])) > bound * size
         shares.append((share_left, moving))
-    if not shares:
+    # A sensor behind the gears measures no friction. In a slow motion it measures gravity alone, as a command would.
+    if not shares or not shows_inertia:
         return None
     worst = np.max(shares, axis=0)
     return StaticTorque(float(worst[0]), float(worst[1]), tuple(int(joint) for joint in np.flatnonzero(heavy)))

@@ -149,8 +149,8 @@ class SignedRegisters:
         rows, sources = self._found[kind], self._signals.sources
         names = [sources[column] for column in self._signals.registers[kind]]
         detail = (
-            f"{names[0]} … {names[-1]} are signed numbers that were read as unsigned: {register}. {rows.n} samples "
-            "are corrected; if the recorded values are right"
+            f"{' … '.join(dict.fromkeys((names[0], names[-1])))} are signed numbers that were read as unsigned: "
+            f"{register}. {rows.n} samples are corrected; if the recorded values are right"
         )
         return rows.warn_of_correction(self.name, detail, sources)
 
