@@ -22,7 +22,7 @@ STEP, RATE, DURATION = 2e-4, 1000.0, 20.0
 COUNTS, LINEAR, NOISE = 2**19, 1e-6, 0.005
 COULOMB, VISCOUS, PASSIVE = 1.0, 0.7, 0.4
 RODS = ("left_rod", "right_rod")
-HELD_OUT = (11, 12, 13)
+HELD_OUT = (11,)
 ASKED = ("stribeck", "joint_spring", "transmission_coupling", "torque_ripple")
 
 

@@ -26,7 +26,7 @@ SMALL = {
     "corrupted_samples": "--arms 1",
     "decision_level": "--draws 5",
     "decisive_rules": "--small 1 --switches shadow",
-    "design_speed": "--patience 2",
+    "design_speed": "--patience 0.5",
     "detection_limits": "--draws 1 --effects joint_spring",
     "diagnosis_ranking": "--samples 3000",
     "equal_terms": "--cases 1 --processes 1",
@@ -53,7 +53,7 @@ SMALL = {
     "rows_or_products": "--candidates 10",
     "smallest_gain": "--cases 1 --processes 1",
     "standing_rows": "--arms ur10 --rates 60",
-    "walking_robots": "--robots quadruped --draws 0 --duration 10",
+    "walking_robots": "--robots quadruped --draws 0 --duration 5",
 }
 """Arguments with which a script takes seconds."""
 WITH_RECORDINGS = {

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -43,19 +44,25 @@ def memory_of(pid: int) -> int:
     return next((1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")), 0)
 
 
-def descendants_of(pid: int) -> list[int]:
-    """Processes that were started by a process, or by those that it started."""
-    parents = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            parents[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-        except OSError:
-            continue
-    found, new = [], [pid]
-    while new:
-        new = [one for one, parent in parents.items() if parent in new]
-        found += new
-    return found
+@dataclass
+class Descendants:
+    """Processes that were started by a process, or by those that it started, whenever one looks."""
+
+    pid: int
+    parents: dict[int, int] = field(default_factory=dict)
+
+    def list_running(self) -> list[int]:
+        running = {int(name) for name in os.listdir("/proc") if name.isdigit()}
+        # A process is asked for its parent once: to ask all of a machine takes a tenth of a processor from the service.
+        for pid in running - self.parents.keys():
+            with suppress(OSError):
+                self.parents[pid] = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+        self.parents = {pid: parent for pid, parent in self.parents.items() if pid in running}
+        found, new = [], [self.pid]
+        while new:
+            new = [pid for pid, parent in self.parents.items() if parent in new]
+            found += new
+        return found
 
 
 @dataclass
@@ -73,9 +80,10 @@ class Watched:
 
     def watch(self) -> None:
         """Look at the memory of all its processes until it is over."""
+        descendants = Descendants(self.process.pid)
         while not self.is_over.wait(0.05):
             self.peaks["main"] = max(self.peaks["main"], memory_of(self.process.pid))
-            children = [memory_of(pid) for pid in descendants_of(self.process.pid)]
+            children = [memory_of(pid) for pid in descendants.list_running()]
             self.peaks["child"] = max([self.peaks["child"], *children])
 
     def ask(self, method: str, path: str, **what: Any) -> httpx2.Response:

@@ -401,13 +401,13 @@ class TreeFit:
     def _add_inner_products(self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray]]) -> _MotionRows:
         c, shape = self.n_columns, (BLOCKS + 1, len(self.joints))
         inner, right, measured = np.zeros((*shape, c, c)), np.zeros((*shape, c)), np.zeros(shape)
-        for joint, (at, rows) in enumerate(of_joints):
-            columns = self._layout[joint][1]
-            products = _multiply_by_torque(motion, joint, at, rows)
-            right[:, joint, columns], measured[:, joint] = products[:, :-1], products[:, -1]
-            parts = [rows[part] for part in _list_blocks(motion, at)]
-            inner[:-1, joint, columns[:, None], columns] = [part.T @ part for part in parts]
-        inner[-1] = inner[:-1].sum(axis=0)
+        for joint, ((at, rows), (_, columns)) in enumerate(zip(of_joints, self._layout, strict=True)):
+            both = np.column_stack([rows, motion.tau[at, joint]])  # one product costs less than one for each
+            products = np.stack([both[part].T @ both[part] for part in _list_blocks(motion, at)])
+            inner[:-1, joint, columns[:, None], columns] = products[:, :-1, :-1]
+            right[:-1, joint, columns], measured[:-1, joint] = products[:, :-1, -1], products[:, -1, -1]
+        for sums in (inner, right, measured):
+            sums[-1] = sums[:-1].sum(axis=0)
         return _MotionRows(motion, inner, tuple(of_joints), right, measured)
 
     def _fit_all_but_each(self, grams: GramMatrices, noise: FloatArray) -> FloatArray:
