@@ -49,7 +49,8 @@ def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy
         Returns a remedy as it is written there.
     """
     for remedy in remedies:
-        text = text.replace(str(remedy), write(remedy))
+        # A check that was worded before holds what this makes of the remedy.
+        text = text if write(remedy) in text else text.replace(str(remedy), write(remedy))
     return text
 
 

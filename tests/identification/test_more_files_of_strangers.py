@@ -92,6 +92,17 @@ def test_bursts_of_rows_with_one_time_are_read_without_a_warning_of_numpy(seed: 
     assert [one.name for one in checks if one.status == "error"] == []
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_rows_that_a_network_delivers_in_bursts_are_asked_for_their_rate(seed: int) -> None:
+    given = log("ur10", seed, rate=100.0, duration=20.0)
+    last = np.minimum(np.cumsum(np.random.default_rng(seed).integers(3, 12, len(given.t))), len(given.t) - 1)
+    burst = np.searchsorted(last, np.arange(len(given.t)))
+    arrived = given.t[last[burst]] + 4e-4 * (np.arange(len(given.t)) - last[burst]) + 0.01
+    (question,) = guess(given.robot, given.columns() | {"t": arrived}).questions
+    assert (question.field, "at a time by t" in question.detail) == ("columns/t", True)
+    assert question.remedies[0].value == pytest.approx(100.0, rel=0.02)
+
+
 def test_a_look_at_a_file_tells_what_the_import_does_with_its_rows(tmp_path: Path) -> None:
     given = log("ur10", 4)
     columns = given.columns()

@@ -228,6 +228,18 @@ def test_velocity_that_is_not_the_derivative_of_position_is_told_by_its_factor(t
         assert words in check.detail
 
 
+def test_velocities_of_all_joints_that_are_off_alike_tell_of_a_wrong_clock(tmp_path):
+    columns = motion()
+    rate = 1.0 / (columns["t"][1] - columns["t"][0])
+    columns |= {f"dq{joint + 1}": columns["dq_true"][:, joint] for joint in range(3)}
+    columns["t"] = 0.8 * columns["t"]
+    check = found(tmp_path, columns, "clock_rate")
+    assert (check.status, check.remedies[0].value) == ("warning", pytest.approx(rate, rel=1e-3))
+    # Those of single joints have other causes, and a filter takes a little of all.
+    columns |= {"t": columns["t"] / 0.8, "dq1": 0.8 * columns["dq1"]}
+    assert "clock_rate" not in {check.name for check in given(tmp_path, columns)[1]}
+
+
 @pytest.mark.parametrize(("step", "status"), [(3e-3, "warning"), (3e-2, "error")])
 def test_coarse_steps_of_position_are_named(tmp_path, step, status):
     columns = changed("q3", lambda q: step * np.rint(q / step))

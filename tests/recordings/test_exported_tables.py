@@ -30,6 +30,8 @@ import dynident.recordings
 from dynident.api.recording_files import read_recordings
 from dynident.errors import DynidentError
 from dynident.identification.column_inference import unit_inference as of_units
+from dynident.identification.column_inference.column_groups import group_columns
+from dynident.identification.column_inference.column_names import read_names
 from dynident.identification.column_inference.file_inspection import inspect_file, read_sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
@@ -45,6 +47,17 @@ def test_an_exported_table_is_read_as_it_was_measured(tmp_path, layout):
     case = CASES[sorted(EXPORTED_TABLES).index(layout) % 2]
     run = recorded(*case)
     check_signals(read_as_proposed(EXPORTED_TABLES[layout](tmp_path, run), machine(case[0]), None), run, layout)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_of_two_arms_in_a_file_the_one_with_the_words_of_the_joints_is_meant(side):
+    names = [f"{arm}_joint_{k}.{signal}" for arm in ("left", "right") for signal in ("pos", "tau") for k in (1, 2, 3)]
+    named = read_names(names, {})
+    groups, _, _ = group_columns(named, [f"robot_{side}_joint{k}" for k in (1, 2, 3)])
+    assert sorted(names[group.columns[0]] for group in groups) == [f"{side}_joint_1.pos", f"{side}_joint_1.tau"]
+    # Without a word of one arm in all names nobody knows.
+    groups, _, _ = group_columns(named, [f"joint{k}" for k in (1, 2, 3)])
+    assert len(groups) == 4
 
 
 @pytest.mark.parametrize("layout", FILES_OF_RUNS)

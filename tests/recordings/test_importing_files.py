@@ -29,6 +29,7 @@ from dynident.recordings import (
     open_recording,
     recording_from_arrays,
 )
+from dynident.recordings.file_source import find_bursts
 from dynident.recordings.formats import open_source
 from dynident.recordings.uniform_segments import Resampler
 
@@ -329,6 +330,20 @@ def test_bursts_of_a_buffer_have_a_rate_and_lost_rows_have_none(tmp_path):
     with pytest.raises(RecordingError, match="Gaps take") as refused:
         imported(write_parquet(tmp_path / "run.parquet", {name: values[~lost] for name, values in columns.items()}))
     assert ("at a time" in str(refused.value), "rate" in str(refused.value.remedies)) == (False, False)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_bursts_of_any_length_that_a_network_delayed_have_the_rate_of_the_rows(seed):
+    rng = np.random.default_rng(seed)
+    last = np.cumsum(rng.integers(2, 14, 300))
+    sent = np.arange(last[-1] + 1) / 125.0
+    burst = np.searchsorted(last, np.arange(last[-1] + 1))
+    begins = np.concatenate([[0], last[:-1] + 1])
+    arrived = sent[last[burst]] + 3e-4 * (np.arange(len(sent)) - begins[burst]) + rng.exponential(1e-3, 300)[burst]
+    assert find_bursts(last, arrived[last])[1] == pytest.approx(125.0, rel=0.01)
+    # Of rows that were lost the gaps say nothing of what lies between.
+    lost = sent[last] + np.cumsum(rng.exponential(0.1, 300))
+    assert find_bursts(last, lost) == (0, 0.0)
 
 
 def test_rows_that_repeat_the_one_before_are_left_out_with_a_warning(tmp_path):

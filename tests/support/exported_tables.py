@@ -428,6 +428,41 @@ def counts_of_a_timer(folder: Path, run: Recorded) -> Path:
     return written(folder / "ticks.csv", table(names, [counts, *cells(np.column_stack([run.q, run.tau]))]))
 
 
+def tensors_in_cells(folder: Path, run: Recorded) -> Path:
+    """What `str` makes of the tensors of a batch of one environment."""
+    columns = [
+        [f"tensor([[{', '.join(f'{value: .9e}' for value in row)}]], device='cuda:0')" for row in values]
+        for values in (run.q, run.dq, run.tau)
+    ]
+    header = ["step", "sim_time", "joint_pos", "joint_vel", "applied_torque"]
+    lines = zip(map(str, range(len(run.t))), map(number, run.t), *columns, strict=True)
+    text = "\n".join(",".join([step, t, *(f'"{cell}"' for cell in row)]) for step, t, *row in lines)
+    return written(folder / "tensors.csv", f"{','.join(header)}\n{text}\n")
+
+
+def names_before_lists(folder: Path, run: Recorded) -> Path:
+    """What a program prints of each step: a name, a comma, and an array of NumPy, which may go on in the next line."""
+    text = ""
+    for t, q, dq, tau in zip(run.t, run.q, run.dq, run.tau, strict=True):
+        text += f"mujoco_time, {number(t)}\n"
+        for name, values in (("qpos", q), ("qvel", dq), ("qfrc_actuator", tau)):
+            text += f"{name}, {np.array2string(values, precision=10, max_line_width=75)}\n"
+        text += "\n"
+    return written(folder / "printed.csv", text)
+
+
+def words_in_cells_below_the_names(folder: Path, run: Recorded) -> Path:
+    """The data inspector of Simulink: below the names, words before what each signal has."""
+    names = [*counted("q({})", run.n, 1), *counted("tau({})", run.n, 1)]
+    units = ["mm" if slides else "deg" for slides in run.slides] + ["N" if slides else "N*m" for slides in run.slides]
+    facts = {"Type": ["double"] * len(names), "Unit": units, "BlockPath": ["rig/Arm"] * len(names)}
+    lines = [["time", *names], *(["", *(f"{word}: {value}" for value in values)] for word, values in facts.items())]
+    factors = np.where(run.slides, 1e3, np.degrees(1.0))
+    for t, q, tau in zip(run.t, run.q * factors, run.tau, strict=True):
+        lines.append([number(t), *map(number, q), *map(number, tau)])
+    return written(folder / "inspector.csv", "\n".join([*map(",".join, lines), ""]))
+
+
 EXPORTED_TABLES: dict[str, Layout] = {
     layout.__name__: layout
     for layout in (
@@ -439,7 +474,7 @@ EXPORTED_TABLES: dict[str, Layout] = {
         stamps_in_brackets, messages_of_a_bus, values_without_a_line_of_names, rows_behind_keys,
         braces_behind_a_time_of_day, numbers_in_brackets, properties_below_the_names, answer_of_a_query,
         variables_of_a_controller, keys_with_lists, lying_table, blocks_with_titles, capture_with_keys,
-        titles_in_chinese, counts_of_a_timer,
+        titles_in_chinese, counts_of_a_timer, tensors_in_cells, names_before_lists, words_in_cells_below_the_names,
     )
 }  # fmt: skip
 

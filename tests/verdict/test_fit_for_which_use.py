@@ -14,11 +14,13 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 from dynident.api.model import Model
 from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.effects import EffectChoice
-from dynident.errors import Remedy, write_argument
+from dynident.errors import Remedy, word_remedies, write_argument
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
+from dynident.identification.identified_models.fit_model import _warn_of_misfit
 from dynident.number_format import format_percent
 from dynident.recordings import Check, Recording, Revision, recording_from_arrays
 from dynident.recordings.raw_signals import SampleHashes
+from dynident.recordings.recording_metadata import DELAY
 from dynident.validation import ValidationOutcome
 from dynident.validation.contact_detection import CollisionValidation, ContactDetection
 from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stopped, verdict
@@ -259,6 +261,32 @@ def test_a_check_against_every_use_is_worded_in_python() -> None:
     assert str(remedy) in found.uses[0].reason
     assert 'Say columns={"tau1": "none"}.' in repr(found)
     assert str(remedy) not in repr(found)
+
+
+def test_a_cause_that_a_check_names_comes_before_a_diagnosis(model: Identification) -> None:
+    worse = with_error(model, 0.2)
+    delay = Check(DELAY, "warning", "The torque is late.")
+    without, named = verdict(worse), verdict(worse, checks={"fitted": [delay]})
+    assert {use.next.action for use in without.uses} == {"diagnose"}
+    assert all(use.next.sentence.startswith("First correct what the check torque delay") for use in named.uses)
+    assert "Diagnose" in str(without.next_steps)
+    assert ("Diagnose" in str(named.next_steps), "First correct" in str(named.next_steps)) == (False, True)
+    accepted = verdict(worse, checks={"fitted": [replace(delay, is_accepted=True)]})
+    assert accepted.next_steps == without.next_steps
+
+
+def test_rows_at_rest_of_drives_that_are_off_are_no_misfit(model: Identification) -> None:
+    worse = with_error(model, 0.4)
+    assert "Even in the fit" in str(_warn_of_misfit(worse))
+    worse.__dict__.update(fit_moving=with_error(model, 0.01).fit_moving)
+    assert _warn_of_misfit(worse) == []
+
+
+def test_a_remedy_that_was_worded_is_not_worded_again() -> None:
+    remedy = Remedy("scale", {"tau1": 10})
+    once = word_remedies(f"Say {remedy}.", [remedy], "{} in --metadata".format)
+    assert once.count("--metadata") == 1
+    assert word_remedies(once, [remedy], "{} in --metadata".format) == once
 
 
 def test_a_joint_alone_that_is_not_explained_is_named(model: Identification) -> None:

@@ -269,8 +269,9 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     rows += bool(units)
     properties = _count_properties(lines, rows, delimiter)
     for number in range(rows, rows + properties):
-        if "unit" in _split_fields(lines[number], delimiter)[0].casefold():
-            units |= _list_units(_split_fields(lines[number], delimiter)[1:], names[1:])
+        facts = packed_messages.put_word_before(_split_fields(lines[number], delimiter))
+        if "unit" in facts[0].casefold():
+            units |= _list_units(facts[1:], names[1:])
     rows += properties
     fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _split_fields(line, delimiter)]
     # A comma inside a cell can only be a decimal one if something else separates the cells.
@@ -480,7 +481,7 @@ def _list_units(cells: Sequence[str], names: Sequence[str]) -> dict[str, str]:
 
 def _count_properties(lines: Sequence[str], first: int, delimiter: str) -> int:
     """Return how many lines below the names, of words before values, say what the columns have, as LabVIEW's do."""
-    rows = [_split_fields(line, delimiter) for line in lines[first:]]
+    rows = [packed_messages.put_word_before(_split_fields(line, delimiter)) for line in lines[first:]]
     begins = [row[0].casefold() for row in rows]
     is_word = [begin[:1].isalpha() and not _is_number(begin) for begin in begins]
     n_words = sum(itertools.takewhile(bool, is_word))
@@ -493,5 +494,5 @@ def _count_properties(lines: Sequence[str], first: int, delimiter: str) -> int:
 
 
 _PROPERTIES = frozenset(
-    {"unit", "units", "length", "samples", "increment", "delta"}
+    {"unit", "units", "length", "samples", "increment", "delta", "type", "interp"}
 )  # one at least stands before such lines

@@ -299,12 +299,16 @@ def find_bursts(last_rows: IntArray, times: FloatArray) -> tuple[int, float]:
     -------
     tuple of int and float
         Rows of a burst, and rows per unit of time of whole bursts; 0 where gaps are irregular, as those of lost rows.
+        Bursts may have different lengths, where the time from one to the next grows with the rows between.
     """
     if len(last_rows) <= FEWEST_BURSTS:
         return 0, 0.0
     rows, spans = np.diff(last_rows), np.diff(times)
     burst, span = float(np.median(rows)), float(np.median(spans))
     is_even = np.ptp(rows) <= UNEVEN_ROWS * burst and np.abs(spans - span).max() <= UNEVEN_TIMES * span
-    if burst > LONGEST_BURST or not is_even:
+    rate = float((last_rows[-1] - last_rows[0]) / (times[-1] - times[0]))
+    # What a network delays comes in bursts of any length; lost rows leave gaps that the rows before know nothing of.
+    is_delayed = np.quantile(np.abs(spans - rows / rate), 0.9) <= UNEVEN_ROWS * span and np.ptp(rows) > 1
+    if burst > LONGEST_BURST or not (is_even or is_delayed):
         return 0, 0.0
-    return round(burst), float((last_rows[-1] - last_rows[0]) / (times[-1] - times[0]))
+    return round(burst), rate

@@ -15,13 +15,13 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import Remedy
 from dynident.number_format import format_percent
-from dynident.recordings.columns_to_signals import Column, Layout
+from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.joint_phases import phase_shares
 from dynident.recordings.recording import JointLimits, Recording
 from dynident.recordings.recording_metadata import Check, Revision, Status
 from dynident.recordings.signal_spectra import find_step
-from dynident.recordings.units import format_time
+from dynident.recordings.units import explain_velocity_ratio, find_common_ratio, format_time
 
 DEGREE = pi / 180.0
 MOVED = {"revolute": 2e-3, "prismatic": 5e-4}
@@ -438,6 +438,7 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
     if positions.dq is None:
         return []
     speed, inner = positions.differentiate()
+    ratios = []
     for joint in np.flatnonzero(positions.moved):
         logged, derivative = positions.dq[inner, joint], speed[inner, joint]
         if not np.isfinite(logged).all() or not logged.any() or not derivative.any():
@@ -447,9 +448,8 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
         # A column that goes another way than the derivative is another signal, whose unit nobody can tell from it.
         if abs(alike) < 0.7:
             continue
-        mismatch = _explain_ratio(
-            layout.dq[joint], layout.q[joint], float(np.sqrt((logged @ logged) / (derivative @ derivative))), alike
-        )
+        ratios.append(float(np.copysign(np.sqrt((logged @ logged) / (derivative @ derivative)), alike)))
+        mismatch = explain_velocity_ratio(layout.dq[joint].source, layout.q[joint].source, ratios[-1])
         if mismatch is not None:
             row = int(np.flatnonzero(inner)[np.abs(logged).argmax()])
             status, detail, units = mismatch
@@ -468,30 +468,12 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
                     remedies=remedies,
                 )
             ]
-    return [Check("velocity_unit", "ok", "The velocity columns are the derivatives of the positions.")]
-
-
-def _explain_ratio(
-    velocity: Column, position: Column, ratio: float, alike: float
-) -> tuple[Status, str, dict[str, str]] | None:
-    known_ratios = {
-        1.0 / DEGREE: (
-            "one of them is in degrees, the other in radians",
-            {"dq": "deg/s"},
-        ),
-        DEGREE: ("positions look like degrees, velocities like rad/s", {"q": "deg"}),
-        30.0 / pi: ("the velocity looks like rpm", {"dq": "rpm"}),
-    }
-    claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
-    for factor, (meaning, units) in known_ratios.items():
-        if abs(ratio / factor - 1.0) < 0.1:
-            return "error", f"{claim}: {meaning}", units
-    if alike < 0.0:
-        return "warning", f"{velocity.source} has the opposite sign of the derivative of {position.source}", {}
-    if not 0.7 < ratio < 1.4:
-        return (
-            "warning",
-            f"{claim}; the velocity is not used, but one of the two columns has another unit, or is on the motor side",
-            {},
+    if common := find_common_ratio(ratios):
+        rate = float(f"{common / np.median(np.diff(positions.t)[positions.joined[1:]]):.4g}")
+        remedy = Remedy("rate", rate)
+        detail = (
+            f"The velocities of all joints are {common:.3g} times the derivatives of the positions: the time seems to "
+            f"be counted with a wrong step. If the velocities are right, state the rate of the rows: {remedy}."
         )
-    return None
+        return [Check("clock_rate", "warning", detail, remedies=(remedy,))]
+    return [Check("velocity_unit", "ok", "The velocity columns are the derivatives of the positions.")]

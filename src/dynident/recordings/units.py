@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import pi
 from typing import Literal
 
 from dynident.recordings.recording import JointKind
-from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.recording_metadata import RecordingError, Status
 
 _DEGREE = pi / 180.0
 _LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6}
@@ -186,3 +186,56 @@ def get_signal_of_unit(unit: str | None) -> Literal["t", "q", "dq", "ddq", "tau"
     if unit in FACTORS["t", None]:
         return "t"
     return None
+
+
+def explain_velocity_ratio(velocity: str, position: str, ratio: float) -> tuple[Status, str, dict[str, str]] | None:
+    """Explain a velocity that is not the derivative of its position, by the unit that either may have.
+
+    Parameters
+    ----------
+    velocity, position : str
+        What the user calls the columns.
+    ratio : float
+        The velocity over the derivative.
+
+    Returns
+    -------
+    tuple or None
+        The level, the sentence, and the unit to state by kind of signal; None where the ratio is right.
+    """
+    known_ratios = {
+        1.0 / _DEGREE: ("one of them is in degrees, the other in radians", {"dq": "deg/s"}),
+        _DEGREE: ("positions look like degrees, velocities like rad/s", {"q": "deg"}),
+        30.0 / pi: ("the velocity looks like rpm", {"dq": "rpm"}),
+    }
+    claim = f"{velocity} is {abs(ratio):.4g} times the derivative of {position}"
+    for factor, (meaning, units) in known_ratios.items():
+        if abs(abs(ratio) / factor - 1.0) < 0.1:
+            return "error", f"{claim}: {meaning}", units
+    if ratio < 0.0:
+        return "warning", f"{velocity} has the opposite sign of the derivative of {position}", {}
+    if not _SLOWEST < ratio < _FASTEST:
+        unused = "the velocity is not used, but one of the two columns has another unit, or is on the motor side"
+        return "warning", f"{claim}; {unused}", {}
+    return None
+
+
+_SLOWEST, _FASTEST = 0.7, 1.4
+"""Ratios of a velocity to the derivative of the position, within which filters and resolution may bring it."""
+_SAME, _OFF = 0.01, 0.05
+"""Share by which the ratios of joints differ at most where a clock is wrong, and by which it has to be."""
+
+
+def find_common_ratio(ratios: Sequence[float]) -> float:
+    """Return by how much the velocities of all joints alike exceed the derivatives; 0 where they do not.
+
+    A filter or a coarse resolution takes other shares of the velocity of each joint, a wrong clock of all the same.
+
+    Parameters
+    ----------
+    ratios : sequence of float
+        Velocity over derivative, by joint.
+    """
+    if len(ratios) < 2 or max(ratios) - min(ratios) > _SAME * max(ratios):
+        return 0.0
+    return max(ratios) if abs(max(ratios) - 1.0) > _OFF else 0.0

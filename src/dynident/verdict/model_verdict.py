@@ -47,7 +47,7 @@ from dynident.verdict.held_out_evidence import (
     compute_detectable_force,
     compute_detectable_mass,
 )
-from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
+from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless, point_to_check
 
 TESTS: Mapping[UseName, str] = {
     "simulation": "Can bodies have these parameters, and how far does a simulated robot drift from held-out motions "
@@ -228,6 +228,8 @@ def verdict(
     is_weighed = any(outcome.kind == "payload" and outcome.judged.verdict == "pass" for outcome in outcomes)
     if from_commands and not is_weighed:
         reservations.append(UseFinding("limited", OF_COMMANDS, GAINS))
+    pointed = point_to_check(checks or {})
+    instead = _CURRENTS if from_commands else NextStep(pointed) if pointed else _LEAVE_OUT if spans else None
     against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
     drift, force, mass, contact = None, None, None, None
@@ -256,8 +258,8 @@ def verdict(
             "collision_detection": judge_collision_detection(evidence, collision, obstacle),
             "payload": judge_payload(evidence, mass),
         }
-        if from_commands:
-            findings_by_use = {name: _replace_diagnosis(own) for name, own in findings_by_use.items()}
+        if instead is not None:
+            findings_by_use = {name: _replace_diagnosis(own, instead) for name, own in findings_by_use.items()}
         uses = tuple(
             combine_findings(name, [*_list_failed_validations(evidence, name), *reservations, *own], _WHEN_GOOD[name])
             for name, own in findings_by_use.items()
@@ -268,7 +270,7 @@ def verdict(
         identification.held_out_moving,
         stop,
         common,
-        tuple(_list_next_steps(identification, recordings, stop, common, spans, from_commands=from_commands)),
+        tuple(_list_next_steps(identification, recordings, stop, common, spans, instead)),
         drift,
         force,
         mass,
@@ -286,18 +288,18 @@ def _validate_contacts(evidence: HeldOutEvidence) -> tuple[CollisionValidation |
 
 def _list_disturbances(spans: Sequence[OutlyingSpan]) -> list[UseFinding]:
     """List the seconds of the fit in which something else than the robot acted, as limits of every use."""
-    step = NextStep("Leave these seconds out of the fit, or find what acted there.", "diagnose")
     return [
         UseFinding(
             "limited",
             f"From {span.start:.1f} to {span.end:.1f} s of the fit something else acted on the robot, which shifts all "
             "parameters.",
-            step,
+            _LEAVE_OUT,
         )
         for span in spans
     ]
 
 
+_LEAVE_OUT = NextStep("Leave these seconds out of the fit, or find what acted there.", "diagnose")
 _ANOTHER = NextStep("Hold out another motion: this one is the motion of the fit.")
 _WHEN_GOOD: Mapping[UseName, NextStep] = {
     "simulation": NextStep("Export it for a simulator.", "export_for_simulation"),
@@ -420,10 +422,10 @@ def explain_stop(identification: Identification) -> str:
 _CURRENTS = NextStep("Record the currents of the servos, too: without a torque no missing effect can be named.")
 
 
-def _replace_diagnosis(findings: Sequence[UseFinding]) -> list[UseFinding]:
-    """Return findings whose next step is no diagnosis, where no torque was recorded that could be diagnosed."""
+def _replace_diagnosis(findings: Sequence[UseFinding], instead: NextStep) -> list[UseFinding]:
+    """Return findings whose next step is another one than a diagnosis."""
     return [
-        replace(finding, next=_CURRENTS) if finding.next is not None and finding.next.action == "diagnose" else finding
+        replace(finding, next=instead) if finding.next is not None and finding.next.action == "diagnose" else finding
         for finding in findings
     ]
 
@@ -448,8 +450,7 @@ def _list_next_steps(
     stop: Stop | None,
     common: Sequence[DataOverlap],
     spans: Sequence[OutlyingSpan],
-    *,
-    from_commands: bool,
+    instead: NextStep | None,
 ) -> list[str]:
     if stop is not None and stop.apply is not None:
         return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
@@ -472,12 +473,12 @@ def _list_next_steps(
     error, own = identification.held_out_judged.relative_total, identification.fit_judged.relative_total
     if any(overlap.kind == "repeated" for overlap in common):
         steps.append(_ANOTHER.sentence)
-    if error > OVERFIT * own:
+    if error > OVERFIT * own and (instead is None or instead is _CURRENTS):
         steps.append(
             f"The held-out error is {error / max(own, 1e-12):.1f} times that of the fit: record a designed motion."
         )
-    if from_commands:
-        return [*steps, _CURRENTS.sentence]
+    if instead is not None:
+        return steps if spans else [*steps, instead.sentence]
     return [*steps, *_advise_diagnosis(error, was_extended=identification.step.parent is not None)]
 
 

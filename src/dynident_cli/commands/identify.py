@@ -239,7 +239,9 @@ def identify(
         printed_results.show_measurements(console, recordings, held_out)
         printed_results.show_identification(console, model.identification)
         printed_results.show_verdict(console, verdict, model.effects)
-        if result.out is not None and verdict.stop is None:
+        # Not while a check names a cause: then every next step is to correct it.
+        is_next = verdict.held_out is None or any(use.next.action is not None for use in verdict.uses)
+        if result.out is not None and verdict.stop is None and is_next:
             held_out_words = [word for path in further.validation for word in ("--validation", path)]
             words = ["diagnose", result.out, *measurements, *held_out_words]
             files = [*measurements, *further.validation]

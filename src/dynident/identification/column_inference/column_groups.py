@@ -13,6 +13,7 @@ from dynident.identification.column_inference.column_names import (
     ColumnName,
     Signal,
     find_phrase,
+    find_words_of_all,
     list_spellings_by_joint,
     strip_shared_words,
 )
@@ -292,9 +293,8 @@ def group_columns(
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         built = _build_group(columns, named, reasons[stem])
         (counted if stem in numbered else shortened if stem in stems_of_parts else groups).append(built)
-    # Another arm in the same file counts its joints alike, but has not their names. Of two that only count them nobody
-    # knows which is meant.
-    groups += [built for built in counted if not _is_of_other_joints(built, groups)]
+    # Another arm in the same file counts its joints alike, but has not their names, or not a word of all, as "left".
+    groups += [b for b in counted if not _is_of_other_joints(b, groups, counted, find_words_of_all(joint_names))]
     # What is left of a name may be the axis of another device, roll or x: other columns of the same signal are meant.
     groups += [built for built in shortened if not any(_is_same_signal(built, group) for group in groups)]
     return groups, [index for index in range(len(named)) if index not in used], following
@@ -306,13 +306,14 @@ def _is_same_signal(built: ColumnGroup, group: ColumnGroup) -> bool:
     return group.rank <= built.rank and built.signal is not None and (len(alike) == 1 or alike <= {*_EFFORTS})
 
 
-def _is_of_other_joints(counted: ColumnGroup, groups: Sequence[ColumnGroup]) -> bool:
-    """Tell whether columns that are counted have words that those with the joints' names lack, for one signal."""
-    own = set(counted.named.words)
-    return any(
-        group.signal == counted.signal is not None and group.rank <= counted.rank and not own <= set(group.named.words)
-        for group in groups
-    )
+def _is_of_other_joints(
+    built: ColumnGroup, groups: Sequence[ColumnGroup], counted: Sequence[ColumnGroup], shared: frozenset[str]
+) -> bool:
+    """Tell whether counted columns have words that those with the joints' names lack, or lack some that others have."""
+    own = set(built.named.words)
+    alike = [other for other in (*groups, *counted) if other.signal == built.signal is not None]
+    words = [(set(other.named.words), other in groups) for other in alike if other.rank <= built.rank]
+    return any(not own <= other if is_named else own & shared < other & shared for other, is_named in words)
 
 
 def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str]) -> list[ColumnGroup]:

@@ -365,6 +365,12 @@ def strip_shared_words(names: Sequence[str]) -> tuple[str, ...]:
     return tuple("_".join(own[shared:]) for own in words)
 
 
+def find_words_of_all(names: Sequence[str]) -> frozenset[str]:
+    """Return the words that the names of all joints have, as that of the arm: right."""
+    words = [frozenset(map(str.casefold, _JOINT_WORD.findall(name))) for name in names]
+    return frozenset().union(*words).intersection(*words)
+
+
 def find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
     """Return the place in the words at which a phrase begins; None where it is not in them."""
     for start in range(len(words) - len(phrase) + 1):

@@ -9,7 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.identification.column_inference.metadata_proposal import UnitGuess
+from dynident.errors import Remedy
+from dynident.identification.column_inference.metadata_proposal import Question, UnitGuess
+from dynident.recordings.file_source import find_bursts
+from dynident.recordings.sampling_clock import GAP_PERIODS
 from dynident.recordings.time_columns import find_unfilled
 from dynident.recordings.units import FACTORS
 
@@ -440,3 +443,32 @@ def find_converter_zero(values: FloatArray) -> float | None:
     zero = float(np.median(middle))
     is_zero = values.shape[1] >= _FEWEST_JOINTS and (middle > spread).all() and (spread > 0.0).all()
     return zero if is_zero and np.median(np.abs(middle - zero)) < _ZERO_ALIKE * zero else None
+
+
+_MOST_BETWEEN = 0.6
+"""Share of the time that lies between bursts of rows, from which on a clock does not say when they were measured."""
+
+
+def ask_for_rate_of_bursts(name: str, t: FloatArray, unit: str) -> Question | None:
+    """Ask for the rate of rows that come several at a time, with most of the time between; None of other clocks.
+
+    Parameters
+    ----------
+    name : str
+        Name of the clock.
+    t : (rows,)
+        Its values.
+    unit : str
+        Their unit.
+    """
+    steps = np.diff(t)
+    ends = np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
+    burst, rate = find_bursts(ends, t[ends])
+    if not burst or steps[ends].sum() < _MOST_BETWEEN * (t[-1] - t[0]):
+        return None
+    remedy = Remedy("rate", float(f"{rate / CLOCK_FACTORS.get(unit, 1.0):.4g}"))
+    detail = (
+        f"The rows come about {burst} at a time by {name}, as where a network delays them or a buffer is read: it says "
+        f"when they arrived, not when they were measured. If they were sampled evenly, state their rate: {remedy}."
+    )
+    return Question("columns/t", detail, remedies=(remedy,))

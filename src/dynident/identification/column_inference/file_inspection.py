@@ -37,6 +37,7 @@ ROW_CHECKS = (
     "saturation",
     "position_jump",
     "joint_columns",
+    "clock_rate",
 )
 """Checks of rows, time, steps and further joints whose warnings are told of a file that can be used."""
 
@@ -159,7 +160,7 @@ def _list_findings(checks: Sequence[Check], proposal: Proposal) -> list[Guess]:
     """Return the warnings of an import that the proposal does not report already."""
     reported = {guess.field for guess in proposal.guesses}
     return [
-        Guess(f"rows/{check.name}", "noticed", 0.95, check.detail)
+        Guess(f"rows/{check.name}", "noticed", 0.95, check.detail, check.remedies)
         for check in checks
         if check.status == "warning" and check.name in ROW_CHECKS and f"rows/{check.name}" not in reported
     ]

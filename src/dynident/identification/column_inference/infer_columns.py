@@ -74,7 +74,7 @@ from dynident.identification.column_inference.unnamed_columns import (
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.joint_phases import STANDS
 from dynident.recordings.recording_metadata import EffortKind
-from dynident.recordings.units import MOMENTS, find_conversion
+from dynident.recordings.units import MOMENTS, find_common_ratio, find_conversion
 from dynident.robot import Robot
 from dynident.robot.description_and_json import list_described_joints, set_base
 from dynident.robot.pseudo_inertia import find_description_units
@@ -392,6 +392,9 @@ class _ColumnInference(WorkingProposal):
                 self.questions.append(Question("columns/q", f"{detail} Then say {remedy}.", remedies=(remedy,)))
             else:
                 are_slopes = (own[moving] > SLOPE).all()
+                if are_slopes and find_common_ratio((1.0 / ratio[moving]).tolist()):
+                    self.assign_columns("dq", group)  # the check of the clock tells of it
+                    return
                 why = "its unit is not known" if are_slopes else "it is not the derivative of these positions"
                 self.add_guess("columns/dq", self.name_columns(group), 0.5, f"not used: {why}")
 

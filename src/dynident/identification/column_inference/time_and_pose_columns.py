@@ -16,6 +16,7 @@ from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_statistics import (
     CLOCK_FACTORS,
     Clock,
+    ask_for_rate_of_bursts,
     fill_gaps,
     find_clock_columns,
     is_counter,
@@ -41,8 +42,7 @@ _EXPLAINED = 0.5
 """Share of the torque that gravity may leave unexplained where the columns hold what their names say."""
 
 _MOST_COLUMNS = 200
-"""Columns of a file beyond which, if its rows are fewer, each row is a signal: twelve joints with a dozen signals each
-have 150."""
+"""Columns beyond which, if the rows are fewer, each row is a signal: twelve joints of a dozen signals have 150."""
 
 FEWEST_POSES = 10
 """Poses below which gravity is not fitted: a six-axis arm has ten parameters of gravity, and six torques a pose."""
@@ -119,11 +119,12 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         if (coarse := _ask_for_rate(work)) is not None:
             work.questions.append(coarse)
             return None
-        detail = (
-            "No column looks like a clock: which column is the time, and in which unit? If the file has no time, give "
-            f"the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
-        )
+        missing = "No column looks like a clock: which column is the time, and in which unit? If the file has no time,"
+        detail = f"{missing} give the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
         work.add_question("columns/t", detail, names)
+        return None
+    if bursts := ask_for_rate_of_bursts(names[choice.column], values[:, choice.column], choice.unit):
+        work.questions.append(bursts)
         return None
     sure = choice.sure and bool(by_name or even)
     # A counter of rows gives an order but no rate.

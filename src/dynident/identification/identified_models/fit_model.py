@@ -149,11 +149,13 @@ def _warn_of_disturbance(identification: Identification) -> list[str]:
 
 def _warn_of_misfit(identification: Identification) -> list[str]:
     """Warn of a fit that leaves much of the torque it was made from: mostly the data are wrong, not the effects."""
-    share = identification.fit.relative_total
+    # Where joints move: rows at rest of drives that are off say nothing of columns and description.
+    errors = identification.fit_judged
+    share = errors.relative_total
     if not identification.choices.rows.by_joint or share <= _MISFIT:
         return []
     # The joint with the largest residual in N m: it tells where to look.
-    worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
+    worst = identification.model.robot.joint_names[int(np.argmax(errors.rms))]
     return [
         f"Even in the fit {format_percent(share, decimals=0)} of the torque is unexplained, most on {worst}: check the "
         "order, signs and units of the columns, the joint axes and gravity in the description, loads that the "

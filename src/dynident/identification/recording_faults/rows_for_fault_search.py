@@ -357,8 +357,8 @@ def report_torque_steps(
             "warning",
             f"Torques step once, and stay at the new value: {names}, at about t = {format_time(t)} s. That is "
             f"{format_percent(largest.explained, decimals=0)} of what is unexplained of {tau[largest.joint]}. A sensor "
-            "was set to zero again there, or a load was picked up or released: use the seconds on one side alone "
-            "(windows), or give them as two recordings.",
+            "was set to zero again there, a load was picked up or released, or a contact began or ended: use the "
+            "seconds on one side alone (windows), or give them as two recordings.",
             tau[largest.joint],
             time=t,
         ),

@@ -294,6 +294,24 @@ def name_message_columns(words: Sequence[Sequence[str | None]]) -> tuple[str, ..
     return (*before, "frame", *(f"{name}{joint + 1}" for name in ("name", *arrays) for joint in range(n)))
 
 
+_PROPERTY = re.compile(r"(?P<word>[A-Za-z]\w*): ?(?P<value>.*)")
+
+
+def put_word_before(cells: Sequence[str]) -> list[str]:
+    """Return a row with the word before the values of all its cells, `Unit: deg`, in place of its first cell.
+
+    Parameters
+    ----------
+    cells : sequence of str
+        The row. One of other cells is returned as it is.
+    """
+    hits = [_PROPERTY.fullmatch(cell) for cell in cells if cell]
+    words = {hit["word"] if hit else None for hit in hits}
+    if len(hits) < 2 or len(words) != 1 or (word := words.pop()) is None:
+        return list(cells)
+    return [word, *(cell.partition(":")[2].strip() for cell in cells[1:])]
+
+
 def check_message_kinds(words: Sequence[str]) -> None:
     """Refuse messages of several kinds that alternate between the rows.
 

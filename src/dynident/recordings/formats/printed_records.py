@@ -35,6 +35,8 @@ _PROTOBUF = re.compile(
 """Messages with a field a line, or with several fields on one line and no commas between them."""
 _ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*))?$")
 """A name, and behind the colon its value, if it does not stand in the lines below."""
+_COMMA = re.compile(r"^([A-Za-z_][\w./]{0,63})\s?,\s{0,9}(?=\[|[-+.\d][-+.\deE]{0,40}$)")
+"""A name with a comma in place of the colon, before one number or a list: what `print(name, value, sep=",")` does."""
 _NAME = re.compile(r"[A-Za-z_][\w.:]*")
 _SEPARATOR = "---"
 _ITEM = "- "
@@ -64,10 +66,14 @@ def find_printed_kind(content: TextContent) -> Kind | None:
     # A table whose numbers have words before them may begin with the level of the log: INFO: t=0.1 q=0.2.
     if find_labels(whole) is not None:
         return None
-    lines = [line.rstrip() for line in _join_brackets(iter(whole)) if line.strip()]
+    lines = [line.rstrip() for line in _join_brackets(map(_put_colon, whole)) if line.strip()]
     if lines and lines[0].startswith(_SEPARATOR):
         lines = lines[1:]
     return _find_kind(lines) or _find_kind(list(_find_items(iter(lines))))
+
+
+def _put_colon(line: str) -> str:
+    return _COMMA.sub(r"\1: ", line.rstrip())
 
 
 def _goes_on(text: str) -> bool:
@@ -334,7 +340,7 @@ def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
     record: list[str] = []
     names: set[str] = set()
     size = 0
-    joined = _join_brackets(lines)
+    joined = _join_brackets(map(_put_colon, lines))
     for line in _find_items(joined) if kind == "items" else joined:
         line = line.rstrip()
         if not line:

@@ -126,16 +126,16 @@ class _DecompressedStream(ProducedStream):
 _READ_BYTES = 1 << 18
 _ITEM = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+|nan|NaN|inf)(?:[eE][+-]?\d+)?"
 _LIST = re.compile(
-    r'(?P<before>^|[,;\t|])[ ]*"?(?:(?:[A-Za-z.]+\()?[\[('
-    r'](?=\s*[\])]|[^\[\](){}]*(?:[\'",]|(?<![A-Za-z_\d])\d|[Nn]a[Nn]|inf))'
-    r'(?P<items>[^\[\](){}]*)[\])](?:\s*,[^\[\](){}"\n]*\))?\)?'
+    r'(?P<before>^|[,;\t|])[ ]*"?(?:(?:[A-Za-z.]+\()?[\[(](?:\[(?=[^\[\]]*\]\s*\]))?'
+    r'(?=\s*[\])]|[^\[\](){}]*(?:[\'",]|(?<![A-Za-z_\d])\d|[Nn]a[Nn]|inf))'
+    r'(?P<items>[^\[\](){}]*)[\])](?:\s*\])?(?:\s*,[^\[\](){}"\n]*\))?\)?'
     rf"|\{{[ ]*(?P<numbers>{_ITEM}(?:[,; \t]+{_ITEM})*)[,; \t]*\}})"
     r'"?(?=[ ]*(?:[,;\t|]|\r?$))',
     re.MULTILINE,
 )
 """A cell that is a list: `[0.1, 0.2]`, `"(0.1, 0.2)"`, `{0.1, 0.2}`, `[0.1 0.2]` over several lines,
-`array([0.1, 0.2])`. Words alone, `[ready]`, are a state. In braces other cells have objects, or flags: there
-numbers alone are a list."""
+`array([0.1, 0.2])`, `tensor([[0.1, 0.2]], device='cuda:0')`. Words alone, `[ready]`, are a state. In braces other
+cells have objects, or flags: there numbers alone are a list."""
 _BETWEEN = re.compile(r"[\s,;]+")
 _MARK = "\1"
 _TRIES = 64
