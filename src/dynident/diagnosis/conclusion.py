@@ -91,7 +91,7 @@ def conclude(
 
 
 def _word_blind(blind: Sequence[DetectionLimit], joint_names: Sequence[str]) -> str:
-    """Word which common effects would not have shown in their usual size, a group of joints an effect."""
+    """Word which common effects would not have shown at their usual size, a group of joints an effect."""
     places: dict[str, list[str]] = {}
     for limit in blind:
         places.setdefault(limit.effect, []).extend(limit.joints)

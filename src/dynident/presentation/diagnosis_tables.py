@@ -278,10 +278,10 @@ def _build_hidden_table(diagnosis: Diagnosis, joints: Sequence[str]) -> Reported
             reasons = [*reasons[: _MOST_REASONS - 1], more]
         rows.append(make_text_cells(get_effect_title(effect), format_joints(places, joints), ", ".join(reasons)))
     notes = (
-        "The robot may have these effects: these data cannot show them at their usual size. “From a on (usual: b)”: the "
-        "parameter would have shown from a on, and an arm with this effect has about b. “x % left”: only this share of "
-        "its column is independent of the model. “Undetermined”: the data do not determine it together with the model "
-        "and the findings.",
+        "The robot may have these effects: these data cannot show them at their usual size. “From a on (usual: b)”: "
+        "the parameter would have shown from a on, and an arm with this effect has about b. “x % left”: only this "
+        "share of its column is independent of the model. “Undetermined”: the data do not determine it together with "
+        "the model and the findings.",
     )
     columns = ("effect", "where", "why")
     return ReportedTable("Not visible in these data", columns, tuple(map(tuple, rows)), 3, notes=notes, name="hidden")

@@ -77,7 +77,7 @@ def list_unaddable(choices: Sequence[EffectChoice], dropped: Mapping[int, Reason
 def list_too_large_limits(
     limits: Sequence[DetectionLimit], hidden: Sequence[Invisible], outcomes: Sequence[CandidateOutcome]
 ) -> tuple[Invisible, ...]:
-    """List the effects that would not show even in their usual size.
+    """List the effects that would not show even at their usual size.
 
     Parameters
     ----------

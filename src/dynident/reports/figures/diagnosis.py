@@ -199,5 +199,5 @@ def draw_detection_limits(limits: Sequence[DetectionLimit], robot: Robot) -> Mar
     seen = sum(limit.share <= 1.0 for limit in limits)
     return to_svg(
         figure,
-        f"Map of detection limits, effects by joints. {seen} of {len(limits)} would have shown in their usual size.",
+        f"Map of detection limits, effects by joints. {seen} of {len(limits)} would have shown at their usual size.",
     )
