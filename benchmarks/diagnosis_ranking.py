@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, build_pool
 from dynident.diagnosis.candidates.held_out_scores import score_candidates
-from dynident.diagnosis.candidates.time_blocks_and_folds import products_from_reduction, split_folds
+from dynident.diagnosis.candidates.inner_product_accumulation import products_from_reduction
+from dynident.diagnosis.candidates.time_blocks_and_folds import split_folds
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays

@@ -13,8 +13,9 @@ from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.candidates.inner_product_accumulation import (
     ConditionalRows,
     PhasedProducts,
+    products_from_reduction,
 )
-from dynident.diagnosis.candidates.time_blocks_and_folds import ProductStack, products_from_reduction
+from dynident.diagnosis.candidates.time_blocks_and_folds import ProductStack
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search import pruning
 from dynident.diagnosis.search.finding_refinement import refine_findings

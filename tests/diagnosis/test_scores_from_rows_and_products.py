@@ -21,7 +21,7 @@ from dynident.diagnosis.candidates.held_out_scores import (
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
 from dynident.diagnosis.candidates.products_of_scored_pairs import RowErrors
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, ProductStack, RowStack
+from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products, ProductStack, RowStack
 from dynident.estimation import PriorInformation
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
@@ -225,3 +225,27 @@ def test_a_value_that_is_held_counts_in_folds_whose_other_blocks_lack_its_column
     errors = compute_held_out_errors(data, np.arange(2), np.array([0.01]), kind)[:, 0]
     # Twenty rows of noise a block.
     assert (errors < 4.0 * 20 * 0.01**2).all()
+
+
+@pytest.mark.parametrize("kinds", [KINDS, ("runs",)])
+def test_sums_over_folds_are_those_of_their_blocks(kinds):
+    data = gathered(1000)
+    sets = data.sets if kinds == KINDS else data.number_sets(kinds)
+    places = np.arange(3)
+    each = data.take_products(0, places[:, None], places)
+    found = data.sum_sets(0, sets, places, places)
+    np.testing.assert_allclose(found[0], each.sum(axis=0), atol=1e-10)
+    np.testing.assert_allclose(data.sum_pairs(0, sets, places, places[::-1]), found[:, places, places[::-1]])
+    for kind, folds in zip(kinds, sets.folds, strict=True):
+        for fold, number in enumerate(sets.list_folds(kind)):
+            np.testing.assert_allclose(found[number], each[folds == fold].sum(axis=0), atol=1e-10)
+
+
+def test_rows_are_multiplied_once_for_all_scores_of_the_same_rows(monkeypatch):
+    data, added = gathered(1000), []
+    add_sums = RowStack.add_sums
+    monkeypatch.setattr(RowStack, "add_sums", lambda *asked: added.append(asked) or add_sums(*asked))
+    for base in (BASE, BASE[:3]):
+        score_candidates(data, base, CANDIDATES, NOISE, "contiguous")
+    # Two kinds of rows a joint.
+    assert len(added) == 2 * JOINTS

@@ -23,6 +23,7 @@ from dynident.diagnosis.candidates.held_out_scores import (
     compute_held_out_errors,
     score_candidates,
 )
+from dynident.diagnosis.candidates.inner_product_accumulation import products_from_reduction
 from dynident.diagnosis.candidates.significance import (
     ScoredCandidate,
     are_indistinguishable,
@@ -32,7 +33,6 @@ from dynident.diagnosis.candidates.significance import (
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
     RowStack,
-    products_from_reduction,
     split_data_folds,
     split_folds,
 )

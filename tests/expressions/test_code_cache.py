@@ -41,7 +41,7 @@ def builds(monkeypatch) -> list[str]:
 def of(factor: float) -> tuple[Compiled, float]:
     """A function, and what it should be at 0.5."""
     x = ca.SX.sym("x")
-    return Compiled(ca.Function("rows", [x], [ca.sin(factor * x)]), [1], 1), float(np.sin(factor * 0.5))
+    return Compiled(ca.Function("rows", [x], [ca.sin(factor * x)]).serialize(), 1, [1], 1), float(np.sin(factor * 0.5))
 
 
 def value(compiled: Compiled) -> float:

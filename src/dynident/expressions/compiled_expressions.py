@@ -106,23 +106,27 @@ class Compiled:
 
     Parameters
     ----------
-    function : casadi.Function
-        One input vector, one output vector.
+    serialised : str
+        The function, as CasADi writes it: one input vector, one output vector.
+    n_outputs : int
+        Number of numbers in the output vector.
     widths : sequence of int
         The widths of the parts of the input vector, each of which `run` takes as an array of its own.
     lanes : int
         Samples in one register.
     """
 
-    def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
+    def __init__(self, serialised: str, n_outputs: int, widths: Sequence[int], lanes: int) -> None:
         vector_functions = _find_vector_functions(lanes)
         # The function itself says which code it is: it is translated only where none is cached.
-        key = f"{_hash_translation()} {tuple(widths)} {lanes} {vector_functions} {function.serialize()}"
+        key = f"{_hash_translation()} {tuple(widths)} {lanes} {vector_functions} {serialised}"
         # CasADi has removed common subexpressions; LLVM's own optimisation takes longer than it saves.
-        self._engine = build_engine(lambda: translate_to_llvm(function, widths, lanes, vector_functions), key=key)
+        self._engine = build_engine(
+            lambda: translate_to_llvm(ca.Function.deserialize(serialised), widths, lanes, vector_functions), key=key
+        )
         place, number = ctypes.c_void_p, ctypes.c_int64
         kinds = [number, place, number, place, *(kind for _ in widths for kind in (place, number))]
-        self._results_size = int(function.numel_out(0)) * lanes
+        self._results_size = n_outputs * lanes
         self._call: Any = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
 
     def run(self, m: int, out: FloatArray, inputs: Sequence[FloatArray]) -> None:
@@ -148,9 +152,9 @@ class Compiled:
 
 
 @lru_cache(maxsize=32)
-def _compile(serialised: str, widths: tuple[int, ...], lanes: int) -> Compiled:
+def _compile(serialised: str, n_outputs: int, widths: tuple[int, ...], lanes: int) -> Compiled:
     """Compile a CasADi function once in a process: every identification of a robot asks for the same ones."""
-    return Compiled(ca.Function.deserialize(serialised), widths, lanes)
+    return Compiled(serialised, n_outputs, widths, lanes)
 
 
 def build_engine(write: Callable[[], str], optimisation: int = 0, *, key: str) -> llvm.ExecutionEngine:
@@ -264,11 +268,11 @@ class Recurrence:
     @cached_property
     def _scalar_code(self) -> Compiled:
         # One lane: a step needs the result of the step before, so that none can be taken side by side.
-        return _compile(self._serialised, self._sizes, 1)
+        return _compile(self._serialised, self._width, self._sizes, 1)
 
     @cached_property
     def _vector_code(self) -> Compiled:
-        return _compile(self._serialised, self._sizes, _LANES)
+        return _compile(self._serialised, self._width, self._sizes, _LANES)
 
     def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Step the state through m samples.
@@ -390,11 +394,11 @@ class Program:
 
     @cached_property
     def _vector_code(self) -> Compiled:
-        return _compile(self._function.serialize(), self.widths, _LANES)
+        return _compile(self._function.serialize(), self.n_outputs, self.widths, _LANES)
 
     @cached_property
     def _scalar_code(self) -> Compiled:
-        return _compile(self._function.serialize(), self.widths, 1)
+        return _compile(self._function.serialize(), self.n_outputs, self.widths, 1)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate at samples.

@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.estimation import PriorInformation, Reduction
+from dynident.estimation import PriorInformation
 
 KINDS = ("interleaved", "contiguous")
 """Kinds of folds in which candidates are scored."""
@@ -29,8 +29,6 @@ MOST_PRODUCTS = 2**26
 each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
 # Of rows where a joint moves with those at reversals, those beside halts, both or none.
 _COMBINATIONS = 4
-# A pause of this share of all the time parts two runs.
-_PAUSE = 0.1
 
 
 T = TypeVar("T")
@@ -403,28 +401,6 @@ class Products:
     def torque_squared(self) -> FloatArray:
         """Return the sum (n,) of each joint's squared torque."""
         return np.array([sum(stack.torque_squared for stack in own) for own in self.stacks])
-
-
-def products_from_reduction(reduction: Reduction) -> Products:
-    """Return inner products from triangular factors."""
-    grams, position = [], []
-    for equation in reduction.equations:
-        # RᵀR are the products of the rows that were reduced to R.
-        grams.append(equation.factors.transpose(0, 2, 1) @ equation.factors)
-        where = np.full(reduction.n_columns, -1, dtype=np.intp)
-        where[equation.columns] = np.arange(len(equation.columns))
-        position.append(where)
-    counts = np.array([equation.counts for equation in reduction.equations]).T.astype(np.float64)
-    return Products.from_grams(grams, position, counts, number_runs(reduction.spans))
-
-
-def number_runs(spans: FloatArray) -> IndexArray:
-    """Return the number (s,) of the run of every block, whose first and last times are spans (s, 2)."""
-    pause = spans[1:, 0] - spans[:-1, 1]
-    least = _PAUSE * float((spans[:, 1] - spans[:, 0]).sum())
-    # Time that goes back belongs to another recording, with a clock of its own.
-    starts = (pause > least) | (spans[1:, 0] < spans[:-1, 0])
-    return np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
 
 
 def split_folds(n_blocks: int, kind: str) -> list[IndexArray]:
