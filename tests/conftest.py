@@ -26,7 +26,6 @@ import pytest  # noqa: E402
 from dynident.parallel import count_processors  # noqa: E402
 
 if TYPE_CHECKING:
-    from dynident.array_types import FloatArray
     from dynident.identification.recording_faults.fault_checks import DynamicsCheck
     from dynident.recordings import Recording
     from dynident.robot import Robot
@@ -91,6 +90,7 @@ def _the_same_rows_are_checked_once() -> Iterator[None]:
         yield
         return
     import casadi
+    from support.rows_alike import outline_rows
 
     compute, known = checks.check_recording_faults, {}
     sound: dict[bytes, DynamicsCheck] = {}
@@ -105,7 +105,7 @@ def _the_same_rows_are_checked_once() -> Iterator[None]:
         # Robots with closed loops keep CasADi's expressions, which ask for this.
         with casadi.global_pickle_context():
             same = _digest(robot, said, rate, segments, windows, tuple(q), tuple(tau), read)
-            alike = _digest(robot, said, f"{rate:.5g}", spans, windows, _outline(read))
+            alike = _digest(robot, said, f"{rate:.5g}", spans, windows, outline_rows(read))
         if same not in known:
             known[same] = sound.get(alike) or compute(robot, recording, q, tau)
             # What is found is said with the names of the columns, and with numbers.
@@ -123,22 +123,6 @@ def _the_same_rows_are_checked_once() -> Iterator[None]:
 def _digest(*contents: object) -> bytes:
     # Each by itself: what is the same object within one pickle is written there once.
     return hashlib.sha256(b"".join(hashlib.sha256(pickle.dumps(one)).digest() for one in contents)).digest()
-
-
-def _outline(read: Sequence[tuple[FloatArray, FloatArray]]) -> object:
-    """What is the same of rows that were written with so many digits, and another where any sample is.
-
-    Means, sizes, and sums with drawn weights: a sample that is off by a hundredth of its signal's size changes them.
-    """
-    import numpy as np
-
-    values = np.vstack([np.hstack(signals) for signals in read]) if read else np.zeros((0, 0))
-    if not values.size or not np.isfinite(values).all():
-        return read
-    middle = values.mean(axis=0)
-    size = np.linalg.norm(values - middle, axis=0) + np.finfo(float).tiny
-    sums = np.random.default_rng(0).normal(size=(8, len(values))) @ ((values - middle) / size)
-    return len(values), [f"{one:.4f}" for one in sums.ravel()], [f"{one:.5g}" for one in (*middle, *size)]
 
 
 _BEGUN = pytest.StashKey[float]()
