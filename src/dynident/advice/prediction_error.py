@@ -23,12 +23,7 @@ from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation.residual_correlation import (
-    compute_sandwich_covariance,
-    count_correlation_freedom,
-    join_dependent_blocks,
-    select_fits,
-)
+from dynident.estimation.residual_correlation import compute_sandwich_covariance, count_correlation_freedoms
 from dynident.excitation import CriterionChoice, Design
 from dynident.excitation.criteria.design_criterion import select_parameters
 from dynident.excitation.criteria.prediction_region import Region
@@ -249,11 +244,9 @@ def _build_pooling_weights(has_rows: BoolArray) -> FloatArray:
 
 def _count_pooled_freedom(identification: Identification) -> float:
     """Return the degrees of freedom of the pooled factor that is known worst; those of one parameter are a handful."""
-    solution = identification.estimate.solution
-    training = join_dependent_blocks(identification.data.training, solution)
+    training = identification.data.training
     has_rows = training.row_counts > 0
-    fits = select_fits(training, solution)
-    own = np.array([count_correlation_freedom(e, fit) for e, fit in zip(training.equations, fits, strict=True)])
+    own = count_correlation_freedoms(training, identification.estimate.solution)
     # The variance of the logarithm of a mean square is 2 over its degrees of freedom.
     spread = _build_pooling_weights(has_rows)[has_rows] ** 2 @ (1.0 / own)
     return float(1.0 / spread.max()) if len(spread) else 1.0

@@ -5,7 +5,6 @@ from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_es
 from dynident.estimation.instrumental_variables import InstrumentalSolution, solve_instrumental
 from dynident.estimation.least_squares import (
     EstimationError,
-    Solution,
     build_weighted_factor,
     compute_noise_levels,
     compute_row_noise,
@@ -23,7 +22,7 @@ from dynident.estimation.parameter_covariance import (
     compute_row_freedom,
     statistics,
 )
-from dynident.estimation.prior_information import PriorInformation, build_prior
+from dynident.estimation.prior_information import PriorInformation, Solution, build_prior
 from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows
 from dynident.estimation.residual_errors import (
     Errors,

@@ -20,9 +20,12 @@ from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.estimation.least_squares import Solution, build_weighted_factor, move_held_columns
+from dynident.estimation.least_squares import (
+    build_weighted_factor,
+    move_held_columns,
+)
 from dynident.estimation.parameter_covariance import Statistics
-from dynident.estimation.prior_information import extract_deviations, invert_information
+from dynident.estimation.prior_information import Solution, extract_deviations, invert_information
 from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.triangular_factors import Reduction
 

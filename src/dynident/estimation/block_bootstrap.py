@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.least_squares import Solution
 from dynident.estimation.parameter_covariance import find_occupied_blocks, remove_leverage
+from dynident.estimation.prior_information import Solution
 from dynident.estimation.triangular_factors import Reduction
 
 Drawing = Literal["wild", "pairs"]

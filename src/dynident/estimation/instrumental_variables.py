@@ -16,7 +16,6 @@ from dynident.array_types import FloatArray
 from dynident.estimation.least_squares import (
     MOST_ROUNDS,
     EstimationError,
-    Solution,
     are_weights_settled,
     build_weighted_factor,
     check_rank,
@@ -31,7 +30,7 @@ from dynident.estimation.parameter_covariance import (
     find_occupied_blocks,
     list_clusters,
 )
-from dynident.estimation.prior_information import PriorInformation
+from dynident.estimation.prior_information import PriorInformation, Solution
 from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.residual_correlation import (
     FEWEST_BLOCKS,

@@ -12,9 +12,9 @@ from typing import TypeVar
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
-from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.estimation.prior_information import PriorInformation, invert_factor
+from dynident.estimation.prior_information import PriorInformation, Solution
 from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
 from dynident.estimation.residual_correlation import compute_correlation_factors
 from dynident.estimation.residual_errors import compute_deviation, compute_fitted_errors, compute_residual_noise
@@ -46,55 +46,6 @@ class EstimationError(DynidentError):
     pointer, title : str, optional
         JSON pointer to the cause in the caller's request, and short name of the kind of error.
     """
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Least-squares estimates and the factor that they were solved from.
-
-    Parameters
-    ----------
-    values, noise : (c,), (n,)
-        Estimates χ, and the noise of every equation, by which its rows were weighted.
-    factor : (c, c)
-        Triangular factor R of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ.
-    known : PriorInformation, optional
-        Prior knowledge; its rows are part of R.
-    free : (c, f), optional
-        Directions that active constraints, and parameters that are held, leave free.
-    converged : bool
-        Whether the weights have settled.
-    """
-
-    values: FloatArray
-    noise: FloatArray
-    factor: FloatArray
-    known: PriorInformation | None = None
-    free: FloatArray | None = None
-    converged: bool = True
-
-    @property
-    def is_held(self) -> BoolArray:
-        """Which parameters (c,) are held at a known value."""
-        return np.zeros(len(self.values), dtype=bool) if self.known is None else self.known.is_held
-
-    @property
-    def scales(self) -> FloatArray:
-        """Norms (c,) of the weighted columns of W."""
-        return np.asarray(np.linalg.norm(self.factor, axis=0))
-
-    @property
-    def normal_inverse(self) -> FloatArray:
-        """(WᵀW)⁻¹ (c, c) of the weighted W; restricted to the free directions where constraints are active."""
-        root = self.root
-        return np.asarray(root @ root.T)
-
-    @property
-    def root(self) -> FloatArray:
-        """A root (c, f) of `normal_inverse`, with one column for every free direction."""
-        if self.free is None:
-            return invert_factor(self.factor)
-        return np.asarray(self.free @ invert_factor(compute_r_factor(self.factor @ self.free)))
 
 
 def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorInformation | None = None) -> FloatArray:
@@ -450,7 +401,19 @@ def compute_correlated_noise(reduction: Reduction, solution: Solution) -> FloatA
 def describe_fit(
     reduction: Reduction, values: FloatArray, known: PriorInformation | None = None, free: FloatArray | None = None
 ) -> Solution:
-    """Return estimates, whatever they are from, as those of a fit to these equations with the noise that they leave."""
+    """Return estimates, whatever they are from, as those of a fit to these equations with the noise that they leave.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    values : (c,)
+        Parameters χ.
+    known : PriorInformation, optional
+        Prior knowledge of the parameters, in units of its own standard deviation.
+    free : (c, f), optional
+        Directions that active constraints leave free.
+    """
     noise = compute_noise_levels(reduction, values)
     return Solution(values, noise, build_weighted_factor(reduction, noise, known)[:-1, :-1], known, free)
 

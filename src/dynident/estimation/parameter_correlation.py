@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.least_squares import Solution, build_weighted_factor
+from dynident.estimation.least_squares import (
+    build_weighted_factor,
+)
 from dynident.estimation.parameter_covariance import Statistics, compute_correlations
+from dynident.estimation.prior_information import Solution
 from dynident.estimation.triangular_factors import Reduction
 
 STRONG_CORRELATION = 0.9

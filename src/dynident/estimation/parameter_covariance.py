@@ -35,8 +35,11 @@ from scipy.linalg import lapack
 from scipy.special import stdtrit
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.estimation.least_squares import Solution, build_weighted_factor, compute_correlated_noise
-from dynident.estimation.prior_information import extract_deviations
+from dynident.estimation.least_squares import (
+    build_weighted_factor,
+    compute_correlated_noise,
+)
+from dynident.estimation.prior_information import Solution, extract_deviations
 from dynident.estimation.residual_correlation import (
     FEWEST_BLOCKS,
     compute_correlation_factors,
@@ -135,7 +138,7 @@ def estimate_cluster_covariance(
     pulls, moved = [np.zeros((0, len(root)))], [np.zeros((0, size, len(root)))]
     together = max(1, _MOST_NUMBERS // max(size, 1) ** 2)
     for part, noise in list_clusters(reduction, solution.noise, kind):
-        scores = compute_scores(part, noise, solution.values) @ root if scores_of is None else scores_of(part, noise)
+        scores = _compute_scores(part, noise, solution.values) @ root if scores_of is None else scores_of(part, noise)
         # A block in which no equation has rows has no score. It would only raise the number of clusters.
         filled = np.flatnonzero(find_occupied_blocks(part))
         for first in range(0, len(filled), together):
@@ -172,7 +175,15 @@ def estimate_cluster_covariance(
 
 
 def count_clusters(reduction: Reduction, kind: CovarianceName) -> int:
-    """Return the number of blocks with rows, by joint that of the equation with the fewest."""
+    """Return the number of blocks with rows, by joint that of the equation with the fewest.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations, by blocks of time.
+    kind : {"by_time_and_joints", "by_joint"}
+        As in `list_clusters`.
+    """
     parts = list_clusters(reduction, np.ones(len(reduction.equations)), kind)
     return min((int(find_occupied_blocks(part).sum()) for part, _ in parts), default=0)
 
@@ -193,7 +204,7 @@ def _compute_row_variance(reduction: Reduction, solution: Solution) -> float:
     return squares / max(reduction.n_rows - int(np.sum(~solution.is_held)), 1)
 
 
-def compute_scores(reduction: Reduction, noise: FloatArray, values: FloatArray) -> FloatArray:
+def _compute_scores(reduction: Reduction, noise: FloatArray, values: FloatArray) -> FloatArray:
     """Return W_sᵀρ_s of every block (s, c) at parameters χ (c,), each equation in units of its noise (n,)."""
     scores = np.zeros((reduction.n_blocks, reduction.n_columns))
     for equation, sigma in zip(reduction.equations, noise, strict=True):

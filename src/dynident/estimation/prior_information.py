@@ -1,4 +1,4 @@
-"""Prior knowledge as information rows that are added to factors: values with a covariance, earlier steps."""
+"""Prior knowledge as information rows that are added to factors, and the solutions of data and prior together."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.estimation.qr_decomposition import compute_r_factor
 
 # Smallest eigenvalue of a correlation matrix that is taken at its word: below it rounding decides.
 _FLAT = 1e-12
@@ -169,3 +170,52 @@ def invert_factor(factor: FloatArray) -> FloatArray:
 def extract_deviations(covariance: FloatArray) -> FloatArray:
     """Return the standard deviations (c,) of a covariance, [12.9]; 0 where rounding left a negative variance."""
     return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Least-squares estimates and the factor that they were solved from.
+
+    Parameters
+    ----------
+    values, noise : (c,), (n,)
+        Estimates χ, and the noise of every equation, by which its rows were weighted.
+    factor : (c, c)
+        Triangular factor R of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ.
+    known : PriorInformation, optional
+        Prior knowledge; its rows are part of R.
+    free : (c, f), optional
+        Directions that active constraints, and parameters that are held, leave free.
+    converged : bool
+        Whether the weights have settled.
+    """
+
+    values: FloatArray
+    noise: FloatArray
+    factor: FloatArray
+    known: PriorInformation | None = None
+    free: FloatArray | None = None
+    converged: bool = True
+
+    @property
+    def is_held(self) -> BoolArray:
+        """Which parameters (c,) are held at a known value."""
+        return np.zeros(len(self.values), dtype=bool) if self.known is None else self.known.is_held
+
+    @property
+    def scales(self) -> FloatArray:
+        """Norms (c,) of the weighted columns of W."""
+        return np.asarray(np.linalg.norm(self.factor, axis=0))
+
+    @property
+    def normal_inverse(self) -> FloatArray:
+        """(WᵀW)⁻¹ (c, c) of the weighted W; restricted to the free directions where constraints are active."""
+        root = self.root
+        return np.asarray(root @ root.T)
+
+    @property
+    def root(self) -> FloatArray:
+        """A root (c, f) of `normal_inverse`, with one column for every free direction."""
+        if self.free is None:
+            return invert_factor(self.factor)
+        return np.asarray(self.free @ invert_factor(compute_r_factor(self.factor @ self.free)))

@@ -6,17 +6,14 @@ Covariances are in `parameter_covariance`, autocorrelation figures in diagnosis/
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.estimation.prior_information import Solution
 from dynident.estimation.qr_decomposition import WhitenedColumns, compute_r_factor, whiten_columns
 from dynident.estimation.residual_errors import compute_residual_noise
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
-
-if TYPE_CHECKING:
-    from dynident.estimation.least_squares import Solution
 
 FEWEST_BLOCKS = 5
 """Smallest number of blocks of time: with fewer chance decides how large the scores are, and how estimates scatter."""
@@ -83,9 +80,9 @@ def select_fits(reduction: Reduction, solution: Solution) -> list[FloatArray]:
     fits = []
     for equation, weighted, sigma in zip(reduction.equations, solution.noise, own, strict=True):
         place = np.ix_(equation.columns, equation.columns)
-        taken = bread[place] / weighted**2
+        share = bread[place] / weighted**2
         # A residual of zero says nothing of how the fit depends on it.
-        fits.append(2.0 * taken - covariance[place] / sigma**2 if sigma > 0 else taken)
+        fits.append(2.0 * share - covariance[place] / sigma**2 if sigma > 0 else share)
     return fits
 
 
@@ -146,8 +143,34 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray, fi
 
 
 def compute_rests(equation: EquationFactors, values: FloatArray) -> FloatArray:
-    """Return the residuals (s, m) of the factors of each block at parameters χ (c,)."""
+    """Return the residuals of the factors of each block.
+
+    Parameters
+    ----------
+    equation : EquationFactors
+        The rows of one equation, by blocks of time.
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    (s, m) array
+        W_sᵀρ_s and ρ_sᵀρ_s are those of the rows.
+    """
     return np.asarray(equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns])
+
+
+def count_correlation_freedoms(reduction: Reduction, solution: Solution) -> FloatArray:
+    """Return the degrees of freedom (n,) with which the factors of `compute_correlation_factors` are known.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        As `compute_correlation_factors` takes them.
+    """
+    joined = join_dependent_blocks(reduction, solution)
+    fits = select_fits(joined, solution)
+    return np.array([count_correlation_freedom(e, fit) for e, fit in zip(joined.equations, fits, strict=True)])
 
 
 def count_correlation_freedom(equation: EquationFactors, fit: FloatArray) -> float:

@@ -13,9 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.estimation.least_squares import Solution, build_weighted_factor, check_rank, compute_correlated_noise
+from dynident.estimation.least_squares import (
+    build_weighted_factor,
+    check_rank,
+    compute_correlated_noise,
+)
 from dynident.estimation.parameter_covariance import CovarianceName, Statistics, statistics
-from dynident.estimation.prior_information import PriorInformation
+from dynident.estimation.prior_information import PriorInformation, Solution
 from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 

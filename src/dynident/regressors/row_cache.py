@@ -230,8 +230,10 @@ def _read_samples(
             continue
         before = _take_rows(cached, len(behind.t))
         whole = tuple(
-            None if new is None or kept[0] is None else np.hstack([np.concatenate([w[:, :-1] for w in kept]), new])
-            for kept, new in zip(zip(*(part.whole for part in before), strict=True), behind.whole, strict=True)
+            None
+            if new is None or cached_rows[0] is None
+            else np.hstack([np.concatenate([w[:, :-1] for w in cached_rows]), new])
+            for cached_rows, new in zip(zip(*(part.whole for part in before), strict=True), behind.whole, strict=True)
         )
         values = np.concatenate([part.values for part in before])
         yield replace(behind, values=np.hstack([values, behind.values]), whole=whole)
@@ -239,14 +241,14 @@ def _read_samples(
 
 def _take_rows(cached: deque[FilteredSamples], count: int) -> list[FilteredSamples]:
     """Take so many rows from the front of cached samples, however these were cut."""
-    taken = []
+    parts = []
     while count:
         first = cached.popleft()
-        taken.append(first.select(slice(0, count)))
+        parts.append(first.select(slice(0, count)))
         if len(first.t) > count:
             cached.appendleft(first.select(slice(count, None)))
-        count -= len(taken[-1].t)
-    return taken
+        count -= len(parts[-1].t)
+    return parts
 
 
 def _is_extension(observation: Observation, reference: ReferenceParameters, known: CachedRows) -> bool:

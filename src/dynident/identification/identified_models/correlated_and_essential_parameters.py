@@ -30,8 +30,8 @@ from dynident.estimation.parameter_correlation import (
     WeakDirection,
     find_collinearity,
 )
-from dynident.estimation.parameter_covariance import compute_null_space, compute_pooled_statistics, find_occupied_blocks
-from dynident.estimation.residual_correlation import FEWEST_BLOCKS
+from dynident.estimation.parameter_covariance import compute_null_space, compute_pooled_statistics, count_clusters
+from dynident.estimation.residual_correlation import FEWEST_BLOCKS, join_dependent_blocks
 from dynident.identification.description_prior import check_unique
 from dynident.identification.identification_choices import EssentialChoices
 from dynident.identification.identified_models.identification_result import Estimate, Identification
@@ -92,11 +92,9 @@ def parameter_dependence(identification: Identification, most: int = MOST_SENTEN
 
 def _compute_motion_statistics(identification: Identification) -> Statistics:
     """Return the statistics that show how the motion couples the estimates."""
-    current = identification.statistics
     if identification.choices.covariance == "independent" or identification.estimate.not_essential:
-        return current
-    # A covariance from a few blocks of time has a low rank and makes up correlations. One factor for all parameters of
-    # a joint is smoother.
+        return identification.statistics
+    # A covariance from a few blocks of time has a low rank and makes up correlations; a pooled one does not.
     return compute_pooled_statistics(identification.data.equations, identification.estimate.solution)
 
 
@@ -379,8 +377,9 @@ def _test_conditions(
     identification: Identification, values: FloatArray, covariance: FloatArray, freedom: float
 ) -> WaldTest:
     """Test whether functions of estimates are zero, with the degrees of freedom that their covariance is known with."""
-    blocks = int(find_occupied_blocks(identification.data.equations).sum())
-    if identification.choices.covariance != "by_time_and_joints" or blocks < FEWEST_BLOCKS:
+    kind, solution = identification.choices.covariance, identification.estimate.solution
+    blocks = count_clusters(join_dependent_blocks(identification.data.equations, solution), "by_time_and_joints")
+    if kind != "by_time_and_joints" or blocks < FEWEST_BLOCKS:
         return compute_wald_test(values, covariance, freedom)
     if blocks <= len(values):
         raise DynidentError(

@@ -220,8 +220,8 @@ def take_step(
         own = fit.statistics
         freedom = float(own.freedom[new].min())
         source = ErrorSource(np.eye(n_found), equations, solution.noise, own.covariance[new, new], freedom)
-    found = StepEstimates(split.functions[:n_found], solution.values[new], covariance, (source,))
-    return Step(findings.add_estimates(found, moves[:, :m], gain), fit)
+    estimates = StepEstimates(split.functions[:n_found], solution.values[new], covariance, (source,))
+    return Step(findings.add_estimates(estimates, moves[:, :m], gain), fit)
 
 
 def conclude_steps(
