@@ -49,7 +49,9 @@ def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy
         Returns a remedy as it is written there.
     """
     for remedy in remedies:
-        text = text.replace(str(remedy), write(remedy))
+        # What another front end of this syntax has worded stays as it is.
+        if write(remedy) not in text:
+            text = text.replace(str(remedy), write(remedy))
     return text
 
 
