@@ -49,8 +49,9 @@ def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy
         Returns a remedy as it is written there.
     """
     for remedy in remedies:
-        # A check that was worded before holds what this makes of the remedy.
-        text = text if write(remedy) in text else text.replace(str(remedy), write(remedy))
+        # What another front end of this syntax has worded stays as it is.
+        if write(remedy) not in text:
+            text = text.replace(str(remedy), write(remedy))
     return text
 
 

@@ -80,6 +80,18 @@ def test_a_data_set_of_lerobot_without_torque_is_proposed_and_only_its_gains_are
     assert len(read.recording.segments) == 2
 
 
+def test_commands_stand_in_for_a_load_that_no_servo_wrote(tmp_path, arm):
+    """A logger of several makes of servos has a column for what only some of them measure."""
+    q, commands = make_exact_log(arm, 3, GAIN)
+    names = [f"{kind}{joint}" for kind in ("position", "goal_position", "load") for joint in range(1, 7)]
+    rows = np.column_stack([np.arange(len(q)) / RATE, q, commands, np.zeros_like(q)])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    found = dy.inspect(path, arm)
+    assert found.inspection.proposal.effort_kind == "position_command"
+    assert [question.field for question in found.questions] == ["drives"]
+
+
 RANGES = np.array([2400, 2360, 2200, 2340, 4095, 1463])
 """Counts between range_min and range_max of a calibration file."""
 

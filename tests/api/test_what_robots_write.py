@@ -210,6 +210,22 @@ def test_what_was_commanded_or_comes_from_outside_is_never_taken_for_the_measure
         assert any(one.field == "effort_kind" and kind in one.detail for one in found.questions)
 
 
+def test_a_torque_that_was_computed_is_asked_about_beside_those_that_may_be_measured(tmp_path):
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 20.0, 100.0, seed=3)
+    still = np.zeros_like(motion.q)
+    noise = np.random.default_rng(1).normal(size=still.shape)
+    load = pinocchio_torque(robot, motion.q, still, still)
+    sensed = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 3.0 * np.sign(motion.dq)
+    names = [f"{kind}{joint}" for kind in ("Position", "Torque", "TorqueSm") for joint in range(1, 7)]
+    rows = np.column_stack([motion.t, motion.q, load + 0.2 * noise, sensed + 0.5 * noise])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(["Time", *names]), comments="")
+    (question,) = dy.inspect(path, robot).questions
+    assert question.check == "commanded_torque"
+    assert "It may be in TorqueSm1 … TorqueSm6." in question.detail
+
+
 @pytest.mark.parametrize("log", ["ur_rtde", "libfranka", "LBRState as CSV"])
 def test_commanded_positions_alone_are_asked_about(tmp_path, log):
     name, write, _, _ = LOGS[log]

@@ -122,6 +122,31 @@ def test_files_of_one_recording_are_given_together_with_the_rate_that_none_of_th
     assert (missing.code != 0, "dq.txt" in missing.err) == (True, True)
 
 
+def test_values_of_all_joints_one_below_another_are_counted(separate, tmp_path):
+    positions = np.loadtxt(tmp_path / "q.txt")
+    np.savetxt(tmp_path / "q.txt", positions.reshape(-1))
+    refused = dynident("inspect", separate, "--robot", "scara", "--rate", 100)
+    n_rows, n = positions.shape
+    assert "q.txt has more: files without" in refused.err
+    assert f"{n_rows * n} is {n} times {n_rows}" in refused.err
+
+
+def test_rows_of_a_thousand_numbers_are_signals(separate, tmp_path):
+    """As a matrix of MATLAB has them, whose columns are moments; without names."""
+    plain = dynident("inspect", separate, "--robot", "scara", "--rate", 100, "--json").document
+    for kind in ("q", "tau"):
+        np.savetxt(tmp_path / f"{kind}.txt", np.loadtxt(tmp_path / f"{kind}.txt").T, delimiter=",")
+    turned = dynident("inspect", separate, "--robot", "scara", "--rate", 100, "--json").document
+    assert [one["value"] for one in turned["guesses"]][:6] == [one["value"] for one in plain["guesses"]][:6]
+
+
+def test_a_folder_may_have_the_name_of_a_known_arm(tmp_path, monkeypatch):
+    path = write_run(tmp_path / "run1.csv", 1)
+    (tmp_path / "scara").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert dynident("inspect", path, "--robot", "scara").code == 0
+
+
 def test_a_proposal_is_written_and_taken_as_metadata(foreign, tmp_path):
     fit, _ = foreign
     target = tmp_path / "fit.json"

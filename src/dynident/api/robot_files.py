@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from dynident.api.argument_checks import check_arguments, check_is_file
 from dynident.errors import DynidentError
-from dynident.known_robots import locate_robot
+from dynident.known_robots import list_library_arms, locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
 from dynident.robot.description_and_json import set_base
@@ -275,7 +275,8 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
 
 
 def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
-    if Path(source).is_dir():
+    # A folder of recordings may have the name of a well-known arm.
+    if Path(source).is_dir() and str(source) not in list_library_arms():
         check_is_file(Path(source), "robot")
     path = locate_robot(str(source))
     if path is None:

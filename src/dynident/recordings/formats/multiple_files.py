@@ -165,10 +165,14 @@ class JoinedFiles(FileSource):
                 ended.append(not len(waiting[place][0]))
             if any(ended):
                 if not all(ended):
-                    short, long = parts[ended.index(True)][0].name, parts[ended.index(False)][0].name
+                    place = ended.index(False)
+                    short, long = parts[ended.index(True)][0].name, parts[place][0].name
+                    n_long = n_rows + len(waiting[place][0]) + sum(len(t) for t, _ in streams[place])
+                    times = n_long // n_rows if n_rows and n_long % n_rows == 0 else 0
+                    flat = f" {n_long} is {times} times {n_rows}: write {times} values a row." if times else ""
                     raise RecordingError(
                         f"{short} ends after {n_rows} rows, but {long} has more: files without their own time column "
-                        "are joined row by row and must have equally many rows.",
+                        f"are joined row by row and must have equally many rows.{flat}",
                         title="Different lengths",
                     )
                 return

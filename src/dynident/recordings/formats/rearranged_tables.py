@@ -210,18 +210,23 @@ def _read_value_rows(lines: Iterator[str], delimiter: str) -> Iterator[str]:
 
 _WIDEST = 64
 """Signals of a table that lies on its side: it has a line for each, and many more numbers in every line."""
+_UNNAMED = 1000
+"""Numbers in a row without a name from which on they are moments: no robot has so many signals."""
 
 
 def _find_signal_rows(lines: list[str], is_cut: bool) -> str | None:
-    """Return what separates the numbers of lines that each begin with a signal's name, the first one the time; or None.
+    """Return what separates the numbers of lines that each hold a signal, or None.
 
-    The first bytes of such a file may hold few lines, and the last one in part.
+    Each line begins with a name, the first one with that of the time; or there are more numbers than any robot has
+    signals. The first bytes of such a file may hold few lines, and the last one in part.
     """
     if not lines or (is_cut and len(lines) > _WIDEST):
         return None
     for delimiter in ",;\t|":
         first = _read_cells(lines[0], delimiter)
         numbers = first[1 : -1 if is_cut and len(lines) == 1 else None]
+        if len(numbers) >= _UNNAMED and _is_number(first[0]) and all(map(_is_number, numbers)):
+            return delimiter
         if len(numbers) <= max(2 * _FEWEST_ROWS, 2 * len(lines)) or not all(map(_is_number, numbers)):
             continue
         is_rising = all(float(after) > float(before) for before, after in pairwise(numbers))
@@ -250,9 +255,10 @@ def _transpose(lines: Iterator[str], delimiter: str) -> Iterator[str]:
         size += len(line)
         _check_size(size, len(rows))
     width = max(map(len, rows))
-    names = (_write_name(row[0]) for row in rows)
-    yield ",".join(names)
-    for place in range(1, width):
+    is_named = not _is_number(rows[0][0])
+    if is_named:
+        yield ",".join(_write_name(row[0]) for row in rows)
+    for place in range(int(is_named), width):
         yield ",".join(row[place] if place < len(row) else "" for row in rows)
 
 
