@@ -103,6 +103,36 @@ def test_rows_that_a_network_delivers_in_bursts_are_asked_for_their_rate(seed: i
     assert question.remedies[0].value == pytest.approx(100.0, rel=0.02)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_warning_that_is_not_cured_says_so(seed: int, tmp_path: Path) -> None:
+    given = log("ur10", seed, rate=200.0)
+    late = np.column_stack([np.interp(given.t - 0.05, given.t, column) for column in given.tau.T])
+    columns = replace(given, tau=late).columns()
+    (asked,) = (one for one in read(given.robot, tmp_path, columns, cures=5).checks if one.name == "torque_delay")
+    assert (asked.status, "Not corrected: only what would be refused" in asked.detail) == ("warning", True)
+    (plain,) = (one for one in read(given.robot, tmp_path, columns).checks if one.name == "torque_delay")
+    assert "Not corrected" not in plain.detail
+
+
+def test_a_description_without_masses_says_what_cannot_be_checked() -> None:
+    given = log("ur10", 1)
+    proposals = [guess(robot, given.columns()) for robot in (given.robot, replace(given.robot, inertias=None))]
+    assert ["no masses" in [one.value for one in proposal.guesses] for proposal in proposals] == [False, True]
+
+
+def test_a_force_is_not_called_a_torque(tmp_path: Path) -> None:
+    given = log("scara", 1)
+    reasons = {one.field: one.reason for one in guess(given.robot, given.columns()).guesses}
+    slides = [k + 1 for k, joint in enumerate(given.robot.joints) if joint.kind == "prismatic"]
+    assert ["N m" in reasons[f"units/tau{k}"].partition("torques are in")[0] for k in slides] == [False] * len(slides)
+    table = given.columns() | {"state": np.array([f"step {k} of 40" for k in range(len(given.t))])}
+    proposal = inspect_file(write(tmp_path / "run.parquet", table), given.robot).proposal
+    assert proposal is not None
+    assert [one.reason for one in proposal.guesses if one.value == "state"] == [
+        "not used: their cells are no plain numbers"
+    ]
+
+
 def test_a_look_at_a_file_tells_what_the_import_does_with_its_rows(tmp_path: Path) -> None:
     given = log("ur10", 4)
     columns = given.columns()

@@ -35,9 +35,9 @@ from dynident.identification.column_inference.column_names import read_names
 from dynident.identification.column_inference.file_inspection import inspect_file, read_sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
+from dynident.recordings.conditioning.signed_registers import _has_lost_sign
 from dynident.recordings.formats import csv_and_parquet, json_records, open_source
 from dynident.recordings.formats.text_streams import TextContent, find_stated_rate
-from dynident.recordings.torque_checks import _has_lost_sign
 from dynident.robot import robot_from_urdf
 from dynident.robot.description_and_json import set_base
 
@@ -719,6 +719,11 @@ def test_torques_without_their_sign_are_named(tmp_path):
     run = recorded(*CASES[0])
     _, proposal = propose_of(tmp_path, run.t, run.q, np.abs(run.tau))
     assert [question.check for question in proposal.questions] == ["lost_sign"]
+    # Of currents whose drive gains are asked for, too.
+    header = ["t", *counted("q{}", run.n, 1), *counted("motor{}_current_A", run.n, 1)]
+    content = cells(np.column_stack([run.t, run.q, np.abs(run.tau) / 9.0]))
+    proposal = propose(read_sample(written(tmp_path / "rms.csv", table(header, content))), machine("ur10"))
+    assert [question.check for question in proposal.questions if question.check] == ["lost_sign"]
     # Of links that are held on one side no torque changes its sign, and none comes to 0.
     _, proposal = propose_of(tmp_path, run.t, run.q, run.tau - run.tau.min(axis=0) + 0.02 * np.ptp(run.tau, axis=0))
     assert "lost_sign" not in [question.check for question in proposal.questions]

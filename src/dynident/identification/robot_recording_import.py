@@ -235,7 +235,8 @@ def import_cured(
             metadata = cure.apply_to(metadata)
             continue
         notes = tuple(note_cure(revision) for revision in done)
-        return CuredRecording(recording, (*checks, *notes), tuple(done), metadata)
+        left = tuple(_note_left(check) if most and check.apply is not None else check for check in checks)
+        return CuredRecording(recording, (*left, *notes), tuple(done), metadata)
 
 
 def _apply_all(revisions: Sequence[Revision], metadata: RecordingMetadata) -> RecordingMetadata:
@@ -247,6 +248,14 @@ def _apply_all(revisions: Sequence[Revision], metadata: RecordingMetadata) -> Re
 def note_cure(revision: Revision) -> Check:
     """Return the check that says with which cure a recording was read."""
     return Check("cure", "warning", f"Read with this correction: {revision}.")
+
+
+def _note_left(check: Check) -> Check:
+    """Say of a warning whose cure is known that it was not applied."""
+    why = (
+        "Not corrected: only what would be refused is corrected without asking; state this one yourself if it is right."
+    )
+    return replace(check, detail=f"{check.detail} {why}") if check.status == "warning" else check
 
 
 def list_shared_cures(outcomes: Mapping[str, Sequence[Revision] | RecordingError]) -> tuple[Revision, ...]:

@@ -13,6 +13,7 @@ from dynident.errors import Remedy
 from dynident.number_format import format_percent
 from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns_to_signals import NOT_RECORDED, Layout
+from dynident.recordings.conditioning.signed_registers import check_lost_sign
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.joint_phases import STANDS as STANDING_TRAVEL
 from dynident.recordings.joint_phases import find_spans
@@ -287,40 +288,8 @@ def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
         )
         remedy = Remedy("columns", {_name_torque(layout, other): NOT_RECORDED})
         return [Check("repeated_torque", "error", f"{detail}{remedy}.", names[other], remedies=(remedy,))]
-    # A torque that is never below 0 may be of a link that is held on one side, and then comes to 0 by chance alone.
-    is_positive = bool(own) and bool((tau[:, own] >= 0.0).all())
-    unsigned = [joint for joint in own if is_positive and _has_lost_sign(tau[:, joint])]
-    if unsigned:
-        listed = ", ".join(names[joint] for joint in unsigned)
-        detail = (
-            f"No torque is ever below 0, and {listed} turn back there as an absolute value does: the sign was lost. "
-            "Record torques with their sign; a driver may give the direction in a bit or a column of its own."
-        )
-        return [Check("lost_sign", "error", detail, names[unsigned[0]])]
-    return []
-
-
-NEAR_ZERO, AWAY, LEAST_TURNS, STRAIGHT = 0.01, 0.05, 3, 0.9
-"""Shares of its largest value that a torque without its sign comes down to, and leaves again, at least so often; and
-the share of the variance there that a line explains once the sign is back: of a step at most 0.75."""
-
-
-def _has_lost_sign(tau: FloatArray) -> bool:
-    """Tell whether a torque (m,) that is never below 0 often turns back there, as the absolute value of another does.
-
-    One that stays at 0 is cut off, or of a drive that is off; one that stays near 0 may carry its load otherwise.
-    """
-    share = tau / tau.max()
-    away = np.flatnonzero(share > AWAY)
-    are_turns = []
-    for before in np.flatnonzero(np.diff(away) > 1):
-        dip = share[away[before] : away[before + 1] + 1]
-        rows, lowest = np.arange(len(dip)), int(np.argmin(dip))
-        if dip[lowest] < NEAR_ZERO:
-            signed = np.where(rows < lowest, dip, -dip)
-            are_turns.append(np.corrcoef(rows, signed)[0, 1] ** 2 > STRAIGHT)
-    is_often = sum(are_turns) >= max(LEAST_TURNS, len(are_turns) / 2)
-    return bool(is_often and np.mean(share == 0.0) < NEAR_ZERO)
+    lost = check_lost_sign(tau[:, own], [names[joint] for joint in own])
+    return [] if lost is None else [lost]
 
 
 def _move_together(first: FloatArray, other: FloatArray) -> bool:

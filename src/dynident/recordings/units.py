@@ -222,8 +222,9 @@ def explain_velocity_ratio(velocity: str, position: str, ratio: float) -> tuple[
 
 _SLOWEST, _FASTEST = 0.7, 1.4
 """Ratios of a velocity to the derivative of the position, within which filters and resolution may bring it."""
-_SAME, _OFF = 0.01, 0.05
-"""Share by which the ratios of joints differ at most where a clock is wrong, and by which it has to be."""
+_SAME, _OFF, _DOUBLE = 0.01, 0.05, 2.0
+"""Share by which the ratios of joints differ at most where a clock is wrong, by which it has to be, and a ratio beyond
+which another unit of the velocities is as likely."""
 
 
 def find_common_ratio(ratios: Sequence[float]) -> float:
@@ -238,4 +239,4 @@ def find_common_ratio(ratios: Sequence[float]) -> float:
     """
     if len(ratios) < 2 or max(ratios) - min(ratios) > _SAME * max(ratios):
         return 0.0
-    return max(ratios) if abs(max(ratios) - 1.0) > _OFF else 0.0
+    return max(ratios) if abs(max(ratios) - 1.0) > _OFF and 1.0 / _DOUBLE < max(ratios) < _DOUBLE else 0.0

@@ -28,6 +28,7 @@ from dynident.identification.recording_faults.unexplained_torque import measure_
 from dynident.number_format import format_percent
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.columns_to_signals import NOT_RECORDED
+from dynident.recordings.conditioning.signed_registers import check_lost_sign
 from dynident.recordings.recording_import import condition_arrays
 from dynident.recordings.recording_metadata import COMMANDED, Check
 from dynident.recordings.time_columns import RunLabels
@@ -427,9 +428,12 @@ def check_against_dynamics(
     -------
     tuple of guesses and questions
     """
+    own = np.flatnonzero(np.ptp(tau, axis=0) > 0.0).tolist()
+    if lost := check_lost_sign(tau[:, own], [names[1][joint] for joint in own]):
+        return [], [Question.from_check("columns", lost)]  # whatever else does not fit is its consequence
     recording = fits.to_recording(q, tau)
     examined = None if recording is None else check_recording_faults(robot, recording, *names)
-    # Where the unit is not known yet, the size of the torques says nothing: that is asked together with the unit.
+    # Where the unit is not known yet, the size of the torques says nothing; it is asked with the unit.
     wrong = [] if examined is None else [check for check in examined.checks if _is_finding(check, in_si=in_si)]
     questions = [
         Question.from_check(_FIELDS.get(check.name, "columns"), check) for check in wrong if _is_question(check)
@@ -440,7 +444,7 @@ def check_against_dynamics(
         if not _is_question(check)
     ]
     is_commanded = any(check.name == COMMANDED for check in wrong)
-    # A torque that never changes while its joint moves was not recorded, or another column holds it.
+    # A torque that never changes while its joint moves was not recorded.
     still = np.setdiff1d(np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0)), silent)
     if len(still) and not is_commanded:
         remedy = Remedy("columns", {f"tau{int(still[0]) + 1}": NOT_RECORDED})
@@ -458,12 +462,10 @@ def check_against_dynamics(
         if robot.n > MOST_JOINTS:
             nothing = f"a robot of more than {MOST_JOINTS} joints: friction alone checks them, when the file is read"
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
-    unexplained = examined.unexplained
-    worst = int(np.argmax(unexplained.joints))
+    worst = int(np.argmax((unexplained := examined.unexplained).joints))
     reason = (
         "share of the torque that the robot's dynamics do not explain, as the mean over the joints; for "
-        f"{robot.joint_names[worst]} "
-        f"{format_percent(unexplained.worst_share, decimals=0)}"
+        f"{robot.joint_names[worst]} {format_percent(unexplained.worst_share, decimals=0)}"
     )
     # The masses of the description explain no residual: identification does not use them.
     causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]

@@ -33,6 +33,7 @@ from dynident.identification.column_inference.column_statistics import (
     restore_masked,
 )
 from dynident.identification.column_inference.metadata_proposal import (
+    NO_MASSES,
     Proposal,
     Question,
     describe_further_joints,
@@ -128,6 +129,8 @@ class _ColumnInference(WorkingProposal):
         for remark in self.sample.remarks:
             self.add_guess("rows", "joined", 0.95, remark)
         report_empty_columns(self)
+        if self.robot.inertias is None or not self.robot.inertias.any():
+            self.add_guess("robot", "no masses", 0.9, NO_MASSES)
         if ask_about_file(self):
             return self._finish(kind)
         # Everything else needs the time: slopes, filters and fits.

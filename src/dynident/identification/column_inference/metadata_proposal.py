@@ -35,6 +35,12 @@ class Guess:
     remedies: tuple[Remedy, ...] = ()
 
 
+NO_MASSES = (
+    "the description has none, so that nothing tells torques from currents, or shows torques of a wrong size or "
+    "without gravity: state what was recorded, or validate the model with a known load"
+)
+"""What cannot be checked of a robot whose description has no masses."""
+
 SURE = 0.8
 """Confidence below which a unit has to be confirmed."""
 

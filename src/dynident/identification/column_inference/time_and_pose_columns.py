@@ -448,7 +448,7 @@ def report_empty_columns(work: WorkingProposal) -> None:
     empty = np.flatnonzero(~np.isfinite(work.sample.values).any(axis=0)) if len(work.sample.values) else ()
     if len(empty):
         names = ", ".join(work.sample.names[column] for column in empty)
-        work.add_guess("columns", names, 0.9, "not used: they contain no numbers")
+        work.add_guess("columns", names, 0.9, "not used: their cells are no plain numbers")
 
 
 def add_base_columns(work: WorkingProposal, robot: Robot) -> None:

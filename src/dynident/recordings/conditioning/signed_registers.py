@@ -1,8 +1,8 @@
-"""Repair step for signed registers that were logged as unsigned numbers."""
+"""Repair step for signed registers that were logged as unsigned numbers; a check for signs that were lost."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -176,3 +176,48 @@ def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatAr
     """
     register = find_register(raw, np.diff(t) > 0.0, BITS_OF[kind])
     return (raw, None) if register is None else (register.decode(raw), register)
+
+
+def check_lost_sign(tau: FloatArray, names: Sequence[str]) -> Check | None:
+    """Report torques (m, n) that are the absolute values of others; None where none are.
+
+    Parameters
+    ----------
+    tau : (m, n)
+        Torques or currents that change.
+    names : sequence of str
+        What the user calls their columns.
+    """
+    # A torque that is never below 0 may be of a link that is held on one side, and then comes to 0 by chance alone.
+    is_positive = bool(tau.size) and bool((tau >= 0.0).all())
+    unsigned = [name for name, own in zip(names, tau.T, strict=True) if is_positive and _has_lost_sign(own)]
+    if not unsigned:
+        return None
+    detail = (
+        f"No torque is ever below 0, and {', '.join(unsigned)} turn back there as an absolute value does: the sign was "
+        "lost. Record torques with their sign; a driver may give the direction in a bit or a column of its own."
+    )
+    return Check("lost_sign", "error", detail, unsigned[0])
+
+
+NEAR_ZERO, AWAY, LEAST_TURNS, STRAIGHT = 0.01, 0.05, 3, 0.9
+"""Shares of its largest value that a torque without its sign comes down to, and leaves again, at least so often; and
+the share of the variance there that a line explains once the sign is back: of a step at most 0.75."""
+
+
+def _has_lost_sign(tau: FloatArray) -> bool:
+    """Tell whether a torque (m,) that is never below 0 often turns back there, as the absolute value of another does.
+
+    One that stays at 0 is cut off, or of a drive that is off; one that stays near 0 may carry its load otherwise.
+    """
+    share = tau / tau.max()
+    away = np.flatnonzero(share > AWAY)
+    are_turns = []
+    for before in np.flatnonzero(np.diff(away) > 1):
+        dip = share[away[before] : away[before + 1] + 1]
+        rows, lowest = np.arange(len(dip)), int(np.argmin(dip))
+        if dip[lowest] < NEAR_ZERO:
+            signed = np.where(rows < lowest, dip, -dip)
+            are_turns.append(np.corrcoef(rows, signed)[0, 1] ** 2 > STRAIGHT)
+    is_often = sum(are_turns) >= max(LEAST_TURNS, len(are_turns) / 2)
+    return bool(is_often and np.mean(share == 0.0) < NEAR_ZERO)
