@@ -40,6 +40,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     describe_waves,
     find_columns_of_other_joints,
     name_further_efforts,
+    read_effort_kind,
 )
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
@@ -280,7 +281,7 @@ class _ColumnInference(WorkingProposal):
             names = tuple(self.name_columns(group) for group in [best, *equal])
             self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)
         self.further_efforts = [self.name_columns(group) for group in candidates if group is not best]
-        kind = _read_kind(best)
+        kind = read_effort_kind(best.signal, best.named, best.rank)
         if kind in NO_MEASUREMENT:
             self.refuse_kind(kind, self.name_columns(best))
         elif (question := self._ask_to_lock_fingers(position, best)) is not None:
@@ -491,14 +492,3 @@ class _ColumnInference(WorkingProposal):
                 if question.field not in replaced or (question.field == "effort_kind" and not question.choices)
             ]
         self.questions += questions
-
-
-def _read_kind(effort: ColumnGroup) -> EffortKind:
-    """Return what the names of effort columns say; "unknown" where they say nothing."""
-    if effort.signal == "q":
-        return "position_command"
-    if effort.named.external:
-        return "external"
-    if effort.named.compensated:
-        return "gravity_compensated"
-    return "commanded" if effort.rank >= 4 else "unknown"

@@ -214,3 +214,14 @@ def name_further_efforts(questions: Sequence[Question], names: Sequence[str]) ->
     """Name the columns that may hold a measured torque in the question about one that a controller computed."""
     others = f" It may be in {'; '.join(names)}." if names else ""
     return [replace(each, detail=f"{each.detail}{others}") if each.check == COMMANDED else each for each in questions]
+
+
+def read_effort_kind(signal: str | None, named: ColumnName, rank: int) -> EffortKind:
+    """Return what the names of effort columns, and their rank among such names, say; "unknown" where nothing."""
+    if signal == "q":
+        return "position_command"
+    if named.external:
+        return "external"
+    if named.compensated:
+        return "gravity_compensated"
+    return "commanded" if rank >= 4 else "unknown"

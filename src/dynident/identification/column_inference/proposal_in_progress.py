@@ -227,12 +227,10 @@ class WorkingProposal:
                 # A force of the same size: N for N m, unless the column itself states a unit.
                 units = [u.partition(" ")[0] if joint.kind == "prismatic" else u for u in (guess.unit, *guess.choices)]
                 unit = own if mixed and own in FACTORS["tau", joint.kind] else units[0]
-                key = f"tau{index + 1}" if mixed else "tau"
-                is_force = unit != guess.unit and unit == units[0]
-                reason = f"its name says {own}" if unit == own else guess.reason
-                reason = f"a force, where torques are in {guess.unit}" if is_force else reason
+                reason = guess.reason if unit == guess.unit else f"a force, where torques are in {guess.unit}"
+                reason = f"its name says {own}" if unit == own else reason
                 joint_guess = of_units.UnitGuess(unit, guess.confidence, reason, tuple(dict.fromkeys(units[1:])))
-                self.take_unit(key, joint_guess, joint.effort_unit)
+                self.take_unit(f"tau{index + 1}" if mixed else "tau", joint_guess, joint.effort_unit)
 
     def guess_units_by_joint(
         self,
