@@ -281,8 +281,7 @@ def group_columns(
             reasons[stem] = f"the column name contains {reason}"
     # Names of all joints or none: a stem that some joints lack, and its columns, are left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
-    used = {index for group in by_stem.values() for index in group.values()}
-    used = used | in_ours | set(following)
+    used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
     joints = [joint_names.index(name) if name in joint_names else None for name in described or joint_names]
     numbered, why = _group_by_number(named, used, joints, alive, clocks)
     by_stem |= numbered
@@ -309,11 +308,12 @@ def _is_same_signal(built: ColumnGroup, group: ColumnGroup) -> bool:
 def _is_of_other_joints(
     built: ColumnGroup, groups: Sequence[ColumnGroup], counted: Sequence[ColumnGroup], shared: frozenset[str]
 ) -> bool:
-    """Tell whether counted columns have words that those with the joints' names lack, or lack some that others have."""
+    """Tell whether counted columns have words that those with the joints' names lack, or left for all joints' right."""
     own = set(built.named.words)
     alike = [other for other in (*groups, *counted) if other.signal == built.signal is not None]
     words = [(set(other.named.words), other in groups) for other in alike if other.rank <= built.rank]
-    return any(not own <= other if is_named else own & shared < other & shared for other, is_named in words)
+    gaps = [(own - other, other - own, is_named) for other, is_named in words]
+    return any(lost if is_named else len(lost) == len(new) == 1 and new <= shared for lost, new, is_named in gaps)
 
 
 def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str]) -> list[ColumnGroup]:
