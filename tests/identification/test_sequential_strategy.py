@@ -107,20 +107,25 @@ def test_stated_deviations_are_those_of_repeated_experiments(steps):
     exact = torque_of(UR10, motion, standard)
     truth = MODEL.base.grouping @ standard
     rng = np.random.default_rng(8)
-    draws, stated, distances = [], [], []
+    signs = rng.choice([-1.0, 1.0], (50, len(truth)))
+    draws, stated, covariances, widths = [], [], [], []
     for _ in range(60):
         data = reduced_states(MODEL, [(motion, exact + NOISE * rng.normal(size=exact.shape))])
         found = solved(MODEL, choices(steps=steps), data)
         error = found.solution.values - truth
         draws.append(error)
         stated.append(found.statistics.standard_deviations)
-        distances.append(error @ np.linalg.solve(found.statistics.covariance, error) / len(error))
+        covariances.append(found.statistics.covariance)
+        widths.append(found.statistics.half_widths())
     ratio = np.mean(stated, axis=0) / np.std(draws, axis=0)
     assert 0.85 < np.median(ratio) < 1.3
     assert ratio.min() > 0.6
-    # With the correlation between steps: the distance has the size of a chi-square's mean.
-    assert 0.6 < np.median(distances) < 1.2
-    covered = np.mean(np.abs(draws) < 1.96 * np.array(stated))
+    # With the correlation between steps: sums over all parameters, each of which counts alike, are as far from the truth
+    # as is stated. A covariance from a few blocks of time has no inverse.
+    forms = signs / np.std(draws, axis=0)
+    squares = np.mean((forms @ np.transpose(draws)) ** 2, axis=1)
+    assert 0.6 < np.median(squares / np.einsum("fk,kl,fl->f", forms, np.mean(covariances, axis=0), forms)) < 1.2
+    covered = np.mean(np.abs(draws) < np.array(widths))
     assert 0.92 < covered < 0.99
 
 
