@@ -48,11 +48,11 @@ def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy
     write : function
         Returns a remedy as it is written there.
     """
-    for remedy in remedies:
-        # What another front end of this syntax has worded stays as it is.
-        if write(remedy) not in text:
-            text = text.replace(str(remedy), write(remedy))
-    return text
+    # What another front end of this syntax has worded stays as it is.
+    written = {form: write(remedy) for remedy in remedies for form in (str(remedy), write(remedy))}
+    # The longest form comes first, as the text of one remedy may begin that of another.
+    forms = sorted(written, key=len, reverse=True)
+    return re.sub("|".join(map(re.escape, forms)), lambda form: written[form[0]], text) if forms else text
 
 
 _OTHER_ARGUMENTS = {

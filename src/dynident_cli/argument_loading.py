@@ -112,9 +112,11 @@ def load_recordings(
         if reading.as_proposed:
             metadata = [propose(index) for index in range(len(paths))]
         # A file of another logger is read as proposed; where a question is open, that is the error.
-        return read_files(
+        recordings = read_files(
             files, robot, metadata, cure=reading.cure, write_remedy=write_option, propose=propose, progress=progress
         )
+        has_gains = isinstance(reading, RobotAdditions) and bool(reading.drive_gains)
+        return recordings.report_unused_gains() if has_gains else recordings
     except RecordingError as error:
         _add_remedies(error, reading)
         raise
@@ -177,7 +179,8 @@ def _propose_metadata(path: Path, robot: Robot, stated: RecordingMetadata, readi
     from dynident.identification.column_inference import inspect_file
 
     check_readable(path)
-    # Currents are no open question where the robot knows what torque they mean.
+    # Which gains currents have is no open question where the robot knows them. That efforts are currents is another
+    # one, which gains do not answer.
     has_gains = all(drive.gain is not None for drive in robot.drives)
     answers = StatedAnswers(stated.columns, stated.units, reading.accept, reading.cure, stated)
     inspection = inspect_file(path, robot, stated.rate, stated.columns)

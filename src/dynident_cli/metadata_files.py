@@ -27,7 +27,7 @@ _CORRECTIONS = ("permutation", "signs", "scale", "zeros", "torque_delay")
 _NOT_CURED = ("gravity", "zeros")
 """Questions about the robot as much as about the file: `--cure` leaves them open."""
 _ABOUT_EFFORT = ("effort_kind", "units/tau")
-"""Questions of what the efforts are, and in which unit."""
+"""What questions about the kind and the unit of efforts begin with; a single joint's has its number behind it."""
 _OTHER_SOURCES = ("name", "format", "role", "accept")
 """Metadata that the file itself tells, or that have options or commands of their own."""
 
@@ -58,20 +58,15 @@ class StatedAnswers:
     cure: bool = False
     metadata: RecordingMetadata = field(default_factory=RecordingMetadata)
 
-    def are_currents(self, questions: Sequence[Question], has_gains: bool) -> bool:
-        """Tell whether efforts are currents, or other numbers that drive gains make torques of.
+    @property
+    def are_currents(self) -> bool:
+        """Whether a metadata file says that the efforts are currents, and no option names their columns or unit.
 
-        A metadata file says so, or gains where the question is what the efforts are. Whether their size is then that of
-        torques is checked when they are read.
+        Drive gains alone do not say so: the proposal has currents where the gains make the torque of the description
+        of them, and without masses nothing shows that.
         """
-        if any(_signal_kind(signal) in ("tau", "current") for signal in (*self.columns, *self.units)):
-            return False
-        if self.metadata.effort_kind is not None:
-            return self.metadata.effort_kind == "motor_current"
-        return has_gains and any(
-            question.field == "units/tau" or (question.field == "effort_kind" and "motor_current" in question.choices)
-            for question in questions
-        )
+        is_named = any(_signal_kind(signal) in ("tau", "current") for signal in (*self.columns, *self.units))
+        return self.metadata.effort_kind == "motor_current" and not is_named
 
     def is_answered(self, question: Question) -> bool:
         """Tell whether these options answer a question."""
@@ -157,16 +152,17 @@ def accept_proposal(
 ) -> RecordingMetadata:
     """Accept proposed metadata as they are; an error where a question is open, as to accept would be a guess.
 
-    `has_gains` says whether the robot states drive gains; `answers` are options that answer questions.
+    `has_gains` says whether the robot states drive gains, or none are needed here; `answers` are options that answer
+    questions.
     """
     assert inspection.proposal is not None
     stated_answers = answers or StatedAnswers()
-    are_currents = stated_answers.are_currents(inspection.proposal.questions, has_gains)
+    are_currents = stated_answers.are_currents
     open_questions = [
         question
         for question in inspection.proposal.questions
         if not (has_gains and question.field == NEEDED_FOR_GAINS)
-        and not (are_currents and question.field in _ABOUT_EFFORT)
+        and not (are_currents and question.field.startswith(_ABOUT_EFFORT))
         and not stated_answers.is_answered(question)
     ]
     # To go on would be a guess, of which the user would not learn.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -10,6 +11,9 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import ROBOT, dynident, write_run
 
+import dynident as dy
+from dynident.api import recording_files
+from dynident.recordings import RecordingError
 from dynident.robot import urdf_from_robot
 
 
@@ -61,6 +65,43 @@ def test_a_recording_that_is_right_contradicts_one_that_is_cured(turned: Path) -
     assert answer.code == 2
     assert "contradict" in answer.err
     assert "right does not" in answer.err
+
+
+def test_a_sign_that_is_stated_for_a_file_is_no_correction_of_it(turned: Path) -> None:
+    """It is read once, as stated, though another file is cured of the same."""
+    (turned / "stated.csv").write_bytes((turned / "wrong.csv").read_bytes())
+    (turned / "signs.json").write_text('{"signs": {"tau1": -1}}')
+    files = (turned / "stated.csv", turned / "wrong.csv")
+    answer = dynident(
+        "identify", turned / "arm.urdf", *files, "--metadata", f"stated={turned / 'signs.json'}", "--cure", "--json"
+    )
+    assert answer.code == 0, answer.err
+    cured = [any(one["name"] == "cure" for one in run["checks"]) for run in answer.document["measurements"]]
+    assert cured == [False, True]
+
+
+def test_a_second_reading_has_its_progress_and_its_own_errors(turned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What fails with the cures of others for another reason, such as a full disk, is no contradiction."""
+    robot = dy.load_robot(turned / "arm.urdf")
+    table = pacsv.read_csv(turned / "right.csv")
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    still = columns | {"q1": 0.0 * columns["q1"], "tau1": 0.0 * columns["tau1"] + 1e-3 * np.sin(columns["t"])}
+    pacsv.write_csv(pa.table(still), turned / "rests.csv")
+    files = (turned / "rests.csv", turned / "wrong.csv")
+    fractions: list[float] = []
+    dy.read_recordings(*files, robot=robot, cure=True, progress=lambda fraction, _: fractions.append(fraction))
+    assert any(0.5 < fraction < 0.75 for fraction in fractions)
+    read = recording_files._read_recording
+
+    def fail(*arguments: Any, **options: Any) -> Any:
+        if options.get("edits"):
+            raise RecordingError("The disk is full.", title="Storage")
+        return read(*arguments, **options)
+
+    monkeypatch.setattr(recording_files, "_read_recording", fail)
+    with pytest.raises(RecordingError) as caught:
+        dy.read_recordings(*files, robot=robot, cure=True)
+    assert (caught.value.title, caught.value.detail) == ("Storage", "rests: The disk is full.")
 
 
 def test_a_report_says_how_a_cured_file_was_read(turned: Path) -> None:

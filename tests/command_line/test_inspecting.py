@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 
 import numpy as np
@@ -11,10 +12,12 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import dynident, write_run
 
+from dynident.api.recording_files import read_recordings
 from dynident.api.robot_files import load_robot
 from dynident.errors import Remedy
 from dynident.identification.column_inference import Question, inspect_file
 from dynident.recordings import RecordingMetadata
+from dynident.robot import urdf_from_robot
 from dynident_cli.metadata_files import StatedAnswers, describe_answer, describe_columns
 
 
@@ -80,21 +83,60 @@ def test_many_files_of_one_recording_may_have_more_letters_than_the_name_of_a_fi
     assert "No such file" in dynident("inspect", tmp_path / "+".join(names), "--robot", "scara").err
 
 
-def test_drive_gains_answer_what_numbers_of_unknown_kind_are(foreign, tmp_path):
-    """They are per unit of the numbers, whatever these are called."""
+@pytest.fixture
+def efforts(foreign, tmp_path):
+    """A run whose numbers called effort are 1/37 of the torque."""
     table = pacsv.read_csv(foreign[0])
-    efforts = {name: f"Effort{name[-1]}" for name in table.column_names if name.startswith("act_trq_")}
-    numbers = pa.table({efforts.get(name, name): table[name] for name in table.column_names})
-    for name in efforts.values():
-        place = numbers.column_names.index(name)
-        numbers = numbers.set_column(place, name, pa.array(numbers[name].to_numpy() / 37.0))
-    pacsv.write_csv(numbers, tmp_path / "efforts.csv")
-    refused = dynident("identify", "scara", tmp_path / "efforts.csv")
+    columns = {name.replace("act_trq_", "Effort"): table[name].to_numpy() for name in table.column_names}
+    path = tmp_path / "efforts.csv"
+    pacsv.write_csv(pa.table({k: v / 37.0 if k.startswith("Effort") else v for k, v in columns.items()}), path)
+    return path
+
+
+def test_drive_gains_answer_what_numbers_of_unknown_kind_are(foreign, efforts):
+    """They are per unit of the numbers, whatever these are called."""
+    refused = dynident("identify", "scara", efforts)
     assert "Open questions" in refused.err
-    found = dynident("identify", "scara", tmp_path / "efforts.csv", "--drive-gains", "37,37,37,37", "--json").document
+    found = dynident("identify", "scara", efforts, "--drive-gains", "37,37,37,37", "--json").document
     known = dynident("identify", "scara", foreign[0], "--json").document
     for one, other in zip(found["parameters"], known["parameters"], strict=True):
         assert one["value"] == pytest.approx(other["value"], rel=1e-3, abs=1e-6)
+
+
+def test_drive_gains_that_nothing_confirms_answer_nothing(efforts, tmp_path):
+    """Gains of a wrong size, and any gains where a description has no masses, leave open what the numbers are."""
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(re.sub(r"(?s)<inertial>.*?</inertial>", "", urdf_from_robot(load_robot("scara"))))
+    stored = tmp_path / "stored.json"
+    description = {"format": "urdf", "content": bare.read_text()}
+    drives = {name: {"drive_gain": 37.0} for name in load_robot("scara").joint_names}
+    stored.write_text(json.dumps({"name": "stored", "description": description, "drives": drives}))
+    for said in (["scara", "--drive-gains", "0.2,0.2,0.2,0.2"], [bare, "--drive-gains", "37,37,37,37"], [stored]):
+        refused = dynident("identify", said[0], efforts, *said[1:])
+        assert (refused.code, "Open questions" in refused.err, "effort_kind" in refused.err) == (2, True, True)
+    answer = tmp_path / "answer.json"
+    answer.write_text('{"effort_kind": "motor_current"}')
+    stated = dynident("identify", stored, efforts, "--metadata", answer)
+    assert stated.code == 0, stated.err
+    assert "current: Effort1 … Effort4" in stated.err
+
+
+def test_a_proposal_with_an_open_question_is_not_written(efforts, tmp_path):
+    target = tmp_path / "proposal.json"
+    refused = dynident("inspect", efforts, "--robot", "scara", "--as-proposed", "--out", target)
+    assert (refused.code, "effort_kind" in refused.err, target.exists()) == (2, True, False)
+
+
+def test_gains_that_are_given_for_recorded_torques_are_not_silently_ignored(foreign, tmp_path):
+    run = tmp_path / "run1.csv"
+    for file in (run, foreign[0]):
+        told = dynident("identify", "scara", file, "--drive-gains", "5,5,5,5").out
+        assert "stated drive gains are not used" in " ".join(told.split())
+    # Gains that a robot has do not mean that all its recordings are of currents.
+    robot = load_robot("scara", drive_gains=(5.0,) * 4)
+    assert not any("gains" in check.detail for check in read_recordings(run, robot=robot)[0].checks)
+    stated = read_recordings(run, robot=robot, drive_gains=(5.0,) * 4)
+    assert "drive gains are not used" in str(stated.findings)
 
 
 @pytest.fixture

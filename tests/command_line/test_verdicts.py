@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import cast, get_args
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
@@ -83,6 +84,19 @@ def test_an_extended_model_ends_with_a_verdict_too(desk: Path, tmp_path: Path) -
     uses = dynident(*more, "--json").document["verdict"]["uses"]
     assert {one["state"] for one in uses} <= {"yes", "limited", "no", "not_judged"}
     assert all(one["next_step"] for one in uses)
+
+
+def test_no_diagnosis_is_proposed_before_a_check_is_heeded(desk: Path, tmp_path: Path) -> None:
+    for name in ("run1", "run2"):
+        table = pacsv.read_csv(desk / f"{name}.csv")
+        columns = {column: table[column].to_numpy() for column in table.column_names}
+        late = {column: np.roll(values, 3) for column, values in columns.items() if column.startswith("tau")}
+        pacsv.write_csv(pa.table(columns | late).slice(3), tmp_path / f"{name}.csv")
+    for folder, proposed in ((desk, True), (tmp_path, False)):
+        files = (folder / "run1.csv", "-v", folder / "run2.csv")
+        answer = dynident("identify", desk / "arm.urdf", *files, "-o", tmp_path / "model.npz")
+        assert answer.code == 0, answer.err
+        assert ("Next, find what is missing" in answer.out, "First correct" in answer.out) == (proposed, not proposed)
 
 
 def test_the_next_steps_of_a_verdict_run_as_they_are_printed(desk: Path, tmp_path: Path) -> None:

@@ -67,6 +67,21 @@ def test_each_way_in_writes_a_remedy_in_its_own_syntax(remedy, over_http, as_opt
     assert word_remedies(sentence, (remedy,), write_argument) == f"This looks wrong: say {in_python} (first in row 3)."
 
 
+@pytest.mark.parametrize(
+    "remedies",
+    [
+        (Remedy("columns", {"tau1": "none", "tau2": "none"}), Remedy("columns", {"tau1": "none"})),
+        (Remedy("rate", 200), Remedy("rate", 20)),
+    ],
+)
+def test_a_remedy_whose_text_begins_another_is_worded_too(remedies) -> None:
+    for first, second in (remedies, remedies[::-1]):
+        for write in (write_option, write_argument):
+            worded = word_remedies(f"Say {first}, or {second}.", remedies, write)
+            assert worded == f"Say {write(first)}, or {write(second)}."
+            assert word_remedies(worded, remedies, write) == worded
+
+
 def test_remedies_cross_the_border_of_a_process_with_their_error() -> None:
     error = RecordingError("say it", remedies=(Remedy("rate"),))
     assert pickle.loads(pickle.dumps(error)).remedies == (Remedy("rate"),)

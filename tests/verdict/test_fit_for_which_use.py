@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -15,6 +16,7 @@ from dynident.api.model import Model
 from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import Remedy, word_remedies, write_argument
+from dynident.estimation import OutlyingSpan
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.identification.identified_models.fit_model import _warn_of_misfit
 from dynident.number_format import format_percent
@@ -273,6 +275,29 @@ def test_a_cause_that_a_check_names_comes_before_a_diagnosis(model: Identificati
     assert ("Diagnose" in str(named.next_steps), "First correct" in str(named.next_steps)) == (False, True)
     accepted = verdict(worse, checks={"fitted": [replace(delay, is_accepted=True)]})
     assert accepted.next_steps == without.next_steps
+
+
+def test_a_diagnosis_is_next_only_where_nothing_comes_before_it(model: Identification) -> None:
+    checks = {"fitted": [Check(DELAY, "warning", "The torque is late.")]}
+    for error in (0.05, 0.2):
+        worse = with_error(model, error)
+        assert verdict(worse).calls_for_diagnosis
+        named = verdict(worse, checks=checks)
+        assert ("First correct" in str(named.next_steps), named.calls_for_diagnosis) == (True, False)
+    # Other actions, such as to weigh a load, are no diagnosis.
+    assert any(use.next.action for use in verdict(with_error(model, 0.05), checks=checks).uses)
+    assert not verdict(with_error(model, 0.001)).calls_for_diagnosis
+
+
+def test_a_disturbed_span_hides_no_other_step(model: Identification, monkeypatch: pytest.MonkeyPatch) -> None:
+    spans = SimpleNamespace(spans=(OutlyingSpan(0, 1, 1.0, 2.0, 9.0),))
+    monkeypatch.setattr("dynident.verdict.model_verdict.find_outlying_spans", lambda _: spans)
+    worse = with_error(model, 0.2)
+    assert not any("First correct" in step for step in verdict(worse).next_steps)
+    named = verdict(worse, checks={"fitted": [Check(DELAY, "warning", "The torque is late.")]})
+    assert [step.split(" ")[0] for step in named.next_steps] == ["Leave", "First"]
+    commanded = verdict(worse, [replace(FITTED, torque_from_commands=True)])
+    assert any(step.startswith("Record the currents of the servos") for step in commanded.next_steps)
 
 
 def test_rows_at_rest_of_drives_that_are_off_are_no_misfit(model: Identification) -> None:

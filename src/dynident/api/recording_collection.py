@@ -22,6 +22,7 @@ from dynident.presentation.recording_tables import (
     format_windows,
 )
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
+from dynident.recordings.columns_to_signals import FROM_TORQUE_COLUMNS
 from dynident.recordings.file_names_and_digests import compute_digest, number_repeated_names, split_path
 from dynident.recordings.row_storage import StoredSamples, load_stored_samples
 from dynident.robot import Robot
@@ -258,6 +259,10 @@ class Recordings(Items[CheckedRecording], Framed):
     def __contains__(self, item: object) -> bool:
         return item in self.names if isinstance(item, str) else item in self.items
 
+    def report_unused_gains(self) -> Recordings:
+        """Return the recordings with a warning where gains stated for them have no effect, as torque was recorded."""
+        return Recordings(tuple(_report_unused_gains(item) for item in self.items))
+
     def __add__(self, other: SomeRecordings) -> Recordings:
         added = as_recordings(other).items
         # Data from memory have the same name unless one is stated; tables and models tell recordings apart by it.
@@ -318,6 +323,17 @@ def as_recordings(recordings: SomeRecordings) -> Recordings:
     is_one = is_one or not isinstance(recordings, Iterable)
     items: list[object] = [recordings] if is_one else list(recordings)  # type: ignore[arg-type]
     return Recordings(tuple(_to_checked(item) for item in items))
+
+
+def _report_unused_gains(item: CheckedRecording) -> CheckedRecording:
+    warning = "The stated drive gains are not used: give columns of currents, or leave them out."
+    checks = tuple(
+        replace(check, status="warning", detail=f"{check.detail} {warning}")
+        if check.detail.startswith(FROM_TORQUE_COLUMNS)
+        else check
+        for check in item.checks
+    )
+    return replace(item, checks=checks)
 
 
 def _to_checked(item: object) -> CheckedRecording:

@@ -18,6 +18,7 @@ from dynident.identification.column_inference import Guess, Inspection, Question
 from dynident.identification.robot_recording_import import (
     CONTRADICTION,
     MOST_CURES,
+    contains_fact,
     import_cured,
     list_shared_cures,
     note_cure,
@@ -255,7 +256,8 @@ def read_recordings(
     metadata_of_files = [
         replace(stated, name=name, rate=file.rate or stated.rate) for file, name in zip(files, names, strict=True)
     ]
-    return read_files(files, machine, metadata_of_files, cure=cure, progress=progress)
+    recordings = read_files(files, machine, metadata_of_files, cure=cure, progress=progress)
+    return recordings if drive_gains is None else recordings.report_unused_gains()
 
 
 def read_files(
@@ -301,9 +303,12 @@ def read_files(
     recordings: list[CheckedRecording] = []
     failures: list[tuple[str, RecordingError]] = []
     outcomes: dict[str, Sequence[Revision] | RecordingError] = {}
+    # Each file takes an equal share of the bar, whatever its size: sizes of different formats do not compare. Where
+    # faults are cured, a file may be read again with the cures of the others.
+    n_shares = (2 if cure else 1) * len(files)
+    shares = [scale_progress(progress, k / n_shares, (k + 1) / n_shares) for k in range(n_shares)]
     for index, (file, stated) in enumerate(zip(files, metadata, strict=True)):
-        # Each file takes an equal share of the bar, whatever its size: sizes of different formats do not compare.
-        share = scale_progress(progress, index / len(files), (index + 1) / len(files))
+        share = shares[index]
         try:
             known = list_shared_cures(outcomes) if cure else ()
             read = partial(_read_recording, file, robot, write_remedy=write_remedy, cure=cure, known=known)
@@ -327,11 +332,12 @@ def read_files(
         raise RecordingError(contradiction, title=CONTRADICTION)
     # A recording that shows a wrong sign or order does not only tell what is wrong with itself.
     shared = list_shared_cures(outcomes)
-    return Recordings(tuple(_share_cures(recording, shared, write_remedy) for recording in recordings))
+    again = zip(recordings, shares[-len(files) :], strict=True)
+    return Recordings(tuple(_share_cures(recording, shared, write_remedy, share) for recording, share in again))
 
 
 def _share_cures(
-    recording: CheckedRecording, shared: Sequence[Revision], write_remedy: Callable[[Remedy], str]
+    recording: CheckedRecording, shared: Sequence[Revision], write_remedy: Callable[[Remedy], str], progress: Progress
 ) -> CheckedRecording:
     """Return a recording with the cures of others, where it was read without them because it does not show the fault.
 
@@ -341,14 +347,24 @@ def _share_cures(
         Where it is right as it is: the recordings contradict each other.
     """
     source, robot = recording.source, recording.robot
-    if source is None or robot is None or not (missing := [each for each in shared if each not in source.edits]):
+    if source is None or robot is None:
         return recording
     metadata, file = source.metadata, SourceFile(source.path, source.metadata.name, owner=source.owner)
-    for revision in missing:
-        metadata = revision.apply_to(metadata)
+    missing = []
+    for revision in shared:
+        # Its metadata may state what others were cured of.
+        if (revised := revision.apply_to(metadata)) != metadata:
+            missing.append(revision)
+            metadata = revised
+    if not missing:
+        return recording
+    edits = (*source.edits, *missing)
     try:
-        read = _read_recording(file, robot, metadata, write_remedy, edits=(*source.edits, *missing))
+        read = _read_recording(file, robot, metadata, write_remedy, edits=edits, progress=progress)
     except RecordingError as error:
+        # Anything else than another sign or order, such as a file that is gone, contradicts no recording.
+        if not contains_fact(error):
+            raise _join_errors([(recording.name, error)], 1, "", write_remedy) from error
         raise RecordingError(
             f"Other recordings need {'; '.join(map(str, missing))}, but {recording.name} does not: with it, "
             f"{error.detail} Look at whether the recordings were made in different ways.",

@@ -271,6 +271,11 @@ def list_shared_cures(outcomes: Mapping[str, Sequence[Revision] | RecordingError
     return tuple(revision for k, revision in enumerate(facts) if revision not in facts[:k])
 
 
+def contains_fact(error: RecordingError) -> bool:
+    """Tell whether a recording is refused for what is a fact of its robot, such as a sign."""
+    return any(remedy.field in _FACTS for remedy in error.remedies)
+
+
 def word_contradiction(robot: Robot, outcomes: Mapping[str, Sequence[Revision] | RecordingError]) -> str:
     """Word what recordings say of the robot that cannot be true of one robot: signs and orders of columns.
 

@@ -177,17 +177,15 @@ def find_columns(
     """
     finder = _ColumnFinder(names, joints, metadata)
     n, gains, coupling = joints.n, joints.known_gains, joints.coupling
-    tau, from_current, unused, without_torque = [], list[str](), list[str](), []
+    tau, from_current, unused, without_torque = [], list[str](), list[str](), list[int]()
     mixing = np.eye(n)
     servo_gains = np.zeros(n) if metadata.effort_kind == "position_command" else None
     for joint in range(n):
-        if joint < joints.n_base and finder.find("tau", joint) is None:
-            # Nothing acts on the base but what measured wrenches add.
+        # Nothing acts on the base but what measured wrenches add.
+        is_free = joint < joints.n_base and finder.find("tau", joint) is None
+        if is_free or finder.has_no_torque(joint):
             tau.append(mark_not_recorded(finder.find_needed("q", joint)))
-            continue
-        if finder.has_no_torque(joint):
-            tau.append(mark_not_recorded(finder.find_needed("q", joint)))
-            without_torque.append(joint)
+            without_torque += [] if is_free else [joint]
             continue
         if servo_gains is not None:
             tau.append(finder.find_needed("q_command", joint))
@@ -309,16 +307,18 @@ def _report_servo_law(commands: list[str]) -> Check:
     )
 
 
+FROM_TORQUE_COLUMNS = "The torque comes from the torque columns."
+"""What the check of the torque's source says where no drive gain is used."""
+
+
 def _report_torque_source(from_current: list[str], unused: list[str], coupled: bool) -> Check:
+    detail = FROM_TORQUE_COLUMNS
     if from_current:
         detail = f"Torque is drive gain x current [12.17] in {_shorten_names(from_current)}."
-        if coupled:
-            detail += " A motor that is coupled to several joints acts on all of them."
-    else:
-        detail = "The torque comes from the torque columns."
-    if unused:
-        detail += f" Both torque and current are given: the current ({_shorten_names(unused)}) is not used."
-    return Check("torque_source", "ok", detail)
+    if coupled:
+        detail += " A motor that is coupled to several joints acts on all of them."
+    ignored = f" Both torque and current are given: the current ({_shorten_names(unused)}) is not used."
+    return Check("torque_source", "ok", detail + ignored if unused else detail)
 
 
 def _shorten_names(names: list[str]) -> str:

@@ -78,6 +78,8 @@ class ModelVerdict:
         What held-out data share with those of the fit.
     next_steps : tuple of str
         What to do about the error, in the order of what it usually costs.
+    calls_for_diagnosis : bool
+        Whether missing effects are to be looked for next; not while anything else is to be corrected first.
     drift : Drift or None
         How far a simulation without a controller drifts; None where nothing tells.
     force : DetectableForce or None
@@ -94,6 +96,7 @@ class ModelVerdict:
     stop: Stop | None
     common: tuple[DataOverlap, ...]
     next_steps: tuple[str, ...]
+    calls_for_diagnosis: bool
     drift: Drift | None = None
     force: DetectableForce | None = None
     mass: float | None = None
@@ -129,11 +132,8 @@ class ModelVerdict:
         if use == "feed_forward" and self.held_out_moving is not None:
             values["error_of_worst_joint"] = float(np.max(self.held_out_moving.relative))
         if use == "collision_detection" and self.contact is not None:
-            values |= {
-                "force": self.contact.force,
-                "within": self.contact.within,
-                "false_alarms_per_hour": self.contact.false_alarms_an_hour,
-            }
+            values |= {"force": self.contact.force, "within": self.contact.within}
+            values["false_alarms_per_hour"] = self.contact.false_alarms_an_hour
             if self.contact.force_at_rest is not None:
                 values["force_at_rest"] = self.contact.force_at_rest
         if use == "payload":
@@ -246,10 +246,8 @@ def verdict(
         evidence = HeldOutEvidence.from_identification(identification, held_out, validation, outcomes)
         robot = identification.model.robot
         drift = compute_drift(evidence)
-        force, mass = (
-            compute_detectable_force(robot, evidence.comparisons),
-            compute_detectable_mass(robot, evidence.comparisons),
-        )
+        force = compute_detectable_force(robot, evidence.comparisons)
+        mass = compute_detectable_mass(robot, evidence.comparisons)
         collision, obstacle = _validate_contacts(evidence)
         contact = None if collision is None else collision.contact
         findings_by_use: dict[UseName, list[UseFinding]] = {
@@ -264,6 +262,8 @@ def verdict(
             combine_findings(name, [*_list_failed_validations(evidence, name), *reservations, *own], _WHEN_GOOD[name])
             for name, own in findings_by_use.items()
         )
+    may_diagnose = against is None and (instead is None or instead is _LEAVE_OUT)
+    asks = any(use.next.action == "diagnose" for use in uses) or bool(_advise_diagnosis(identification))
     return ModelVerdict(
         uses,
         held_out,
@@ -271,6 +271,7 @@ def verdict(
         stop,
         common,
         tuple(_list_next_steps(identification, recordings, stop, common, spans, instead)),
+        may_diagnose and (asks or held_out is None),
         drift,
         force,
         mass,
@@ -319,11 +320,7 @@ _REVISES: Mapping[UseName, tuple[str, ...]] = {
 def _list_failed_validations(evidence: HeldOutEvidence, name: UseName) -> list[UseFinding]:
     """List a finding for each failed validation that speaks of this use."""
     return [
-        UseFinding(
-            "no",
-            f"The validation {outcome.kind.replace('_', ' ')} failed: {outcome.judged.reason}",
-            DIAGNOSE,
-        )
+        UseFinding("no", f"The validation {outcome.kind.replace('_', ' ')} failed: {outcome.judged.reason}", DIAGNOSE)
         for outcome in evidence.list_failed(*_REVISES[name])
     ]
 
@@ -343,9 +340,8 @@ def _find_universal_objection(
     if copied:
         return UseFinding("not_judged", " ".join(map(str, copied)), NextStep("Hold out a recording of another motion."))
     if stop is not None:
-        worst = max(
-            errors.relative_total for errors in (identification.fit, identification.held_out) if errors is not None
-        )
+        judged = (identification.fit, identification.held_out)
+        worst = max(errors.relative_total for errors in judged if errors is not None)
         sentence = (
             f"The error is {format_percent(worst, decimals=0)}, above {format_percent(STOP, decimals=0)}: the cause is "
             "not a missing effect."
@@ -478,18 +474,21 @@ def _list_next_steps(
             f"The held-out error is {error / max(own, 1e-12):.1f} times that of the fit: record a designed motion."
         )
     if instead is not None:
-        return steps if spans else [*steps, instead.sentence]
-    return [*steps, *_advise_diagnosis(error, was_extended=identification.step.parent is not None)]
+        # The seconds to leave out are among the steps already.
+        return steps if instead is _LEAVE_OUT else [*steps, instead.sentence]
+    return [*steps, *_advise_diagnosis(identification)]
 
 
-def _advise_diagnosis(error: float, *, was_extended: bool) -> list[str]:
+def _advise_diagnosis(identification: Identification) -> list[str]:
     """Advise to look for effects: in a model that was extended already only where its error is still unusual."""
+    judged = identification.held_out_judged
+    error = 0.0 if judged is None else judged.relative_total
     alone, full = (
         f"{format_percent(low, decimals=0)} to {format_percent(high, decimals=0)}"
         for low, high in (USUAL, USUAL_IN_FULL)
     )
     # A model with all usual effects is not sent to the diagnosis for ever: only an unusual error is worth another try.
-    if was_extended:
+    if identification.step.parent is not None:
         still = f"Diagnose this model, too: it was extended already, and errors of {full} are usual with all effects."
         return [still] if error > USUAL_IN_FULL[1] else []
     if error <= USUAL_IN_FULL[0]:

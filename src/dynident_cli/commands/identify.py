@@ -239,9 +239,7 @@ def identify(
         printed_results.show_measurements(console, recordings, held_out)
         printed_results.show_identification(console, model.identification)
         printed_results.show_verdict(console, verdict, model.effects)
-        # Not while a check names a cause: then every next step is to correct it.
-        is_next = verdict.held_out is None or any(use.next.action is not None for use in verdict.uses)
-        if result.out is not None and verdict.stop is None and is_next:
+        if result.out is not None and verdict.calls_for_diagnosis:
             held_out_words = [word for path in further.validation for word in ("--validation", path)]
             words = ["diagnose", result.out, *measurements, *held_out_words]
             files = [*measurements, *further.validation]
@@ -295,6 +293,7 @@ def inspect(
     if inspection.proposal is not None:
         # An open question ends the command here, before anything is written.
         if as_proposed:
+            # Gains belong to the robot, so the proposal for the file does not need them.
             metadata_files.accept_proposal(file, inspection, has_gains=True)
         if out is not None:
             document = json.dumps(metadata_files.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
