@@ -27,18 +27,17 @@ from dynident.estimation.parameter_covariance import (
     Statistics,
     compute_row_freedom,
     estimate_cluster_covariance,
-    find_occupied_blocks,
-    list_clusters,
+    has_enough_blocks,
 )
 from dynident.estimation.prior_information import PriorInformation, Solution
 from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.residual_correlation import (
-    FEWEST_BLOCKS,
     compute_overstatement,
+    compute_scores,
     join_dependent_blocks,
     select_fits,
 )
-from dynident.estimation.triangular_factors import Reduction
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 # Smallest part of a column of Z or W that must be independent of the columns before it.
 _SINGULAR = 1e-10
@@ -182,9 +181,7 @@ def _compute_overstatements(both: Reduction, observed: Reduction, solution: Solu
     both, observed = _join_dependent_blocks(both, observed, solution)
     inflation = []
     for whole, equation, fit in zip(both.equations, observed.equations, select_fits(observed, solution), strict=True):
-        k = len(whole.columns) // 2
-        instruments, w, y = whole.factors[:, :, :k], whole.factors[:, :, k : 2 * k], whole.factors[:, :, 2 * k]
-        rests = y - w @ solution.values[equation.columns]
+        instruments, w, rests = _split_instruments(whole, solution.values)
         inflation.append(compute_overstatement(instruments, rests, float(equation.counts.sum()), fit, w))
     return np.array(inflation)
 
@@ -205,16 +202,15 @@ def _compute_statistics(
     noise = compute_noise_levels(observed, solution.values)
     worth = both.row_counts / overstated
     both, observed = _join_dependent_blocks(both, observed, solution)
-    if kind != "independent" and find_occupied_blocks(both).sum() >= FEWEST_BLOCKS:
+    if has_enough_blocks(observed, kind):
         # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
         turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
-        instrumented = iter(list_clusters(both, solution.noise, kind))
-        spread = estimate_cluster_covariance(
-            observed,
-            solution,
-            kind,
-            lambda part, noise: _compute_scores(next(instrumented)[0], noise, solution.values) @ turned,
-        )
+        scores = []
+        for equation, sigma in zip(both.equations, solution.noise, strict=True):
+            instruments, _, rests = _split_instruments(equation, solution.values)
+            where = equation.columns[: instruments.shape[2]]
+            scores.append(compute_scores(instruments, rests) @ (turned[where] / sigma**2))
+        spread = estimate_cluster_covariance(observed, solution, kind, scores)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     c = observed.n_columns
     counted = np.ones(len(overstated)) if kind == "independent" else overstated
@@ -235,12 +231,8 @@ def _compute_statistics(
     return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
 
 
-def _compute_scores(both: Reduction, noise: FloatArray, values: FloatArray) -> FloatArray:
-    """Return Z_sᵀρ_s of every block (s, c), each equation in units of its noise."""
-    scores = np.zeros((both.n_blocks, both.n_columns // 2))
-    for equation, sigma in zip(both.equations, noise, strict=True):
-        k = len(equation.columns) // 2
-        where = equation.columns[:k]
-        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[where]
-        scores[:, where] += (rests[:, None, :] @ equation.factors[:, :, :k])[:, 0] / sigma**2
-    return scores
+def _split_instruments(equation: EquationFactors, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Z (s, m, k), W (s, m, k) and the residuals (s, m) of every block of rows [Z | W | Y]."""
+    k = len(equation.columns) // 2
+    instruments, w, y = np.split(equation.factors, [k, 2 * k], axis=2)
+    return instruments, w, y[:, :, 0] - w @ values[equation.columns[:k]]

@@ -160,6 +160,11 @@ def compute_rests(equation: EquationFactors, values: FloatArray) -> FloatArray:
     return np.asarray(equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns])
 
 
+def compute_scores(columns: FloatArray, rests: FloatArray) -> FloatArray:
+    """Return the score of every block (s, p): its columns (s, m, p), of W or of the instruments, times ρ (s, m)."""
+    return np.asarray((rests[:, None, :] @ columns)[:, 0])
+
+
 def count_correlation_freedoms(reduction: Reduction, solution: Solution) -> FloatArray:
     """Return the degrees of freedom (n,) with which the factors of `compute_correlation_factors` are known.
 
