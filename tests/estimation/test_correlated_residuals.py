@@ -11,10 +11,12 @@ from scipy import signal
 from dynident.estimation import (
     FactorAccumulator,
     Reduction,
+    build_prior,
     compute_correlation_factor,
     compute_pooled_statistics,
     qr_decomposition,
     solve_ordinary,
+    solve_weighted,
     statistics,
 )
 from dynident.estimation.residual_correlation import (
@@ -256,3 +258,10 @@ def test_blocks_are_joined_only_where_neighbours_depend_on_each_other():
     assert np.mean(np.array(counts[0.02]) == whole) >= 0.8
     assert max(counts[1.5]) < whole
     assert min(counts[1.5]) >= 5
+
+
+@pytest.mark.parametrize("spread", [0.02, 0.2])
+def test_weights_settle_beside_a_prior_whether_blocks_are_joined_or_not(spread):
+    # Residuals of this memory are about as often joined as not: a decision in every round never ended in 1 of 30.
+    prior = build_prior(np.array([1.3, 0.7]), spread**2 * np.eye(2), np.array([5, 0]), 6)
+    assert all(solve_weighted(draw_shared(seed, 0.5), prior).converged for seed in range(100))

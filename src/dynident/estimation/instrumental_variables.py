@@ -95,16 +95,20 @@ def solve_instrumental(
     # Prior knowledge has no noise in W: it is its own instrument.
     twice = None if known is None else PriorInformation(np.hstack([known.factor, known.factor]), known.right)
 
+    # The weights come from residuals of W χ. Before the first solution there are none, and all equations count alike.
+    converged = False
+    noise = compute_noise_levels(observed, _solve_weighted(both, np.ones(len(both.equations)), twice).values)
+    solved = _solve_weighted(both, noise, twice)
+    # Decided once: near the threshold, blocks that are joined could move the fit to where they are not, and back.
+    joined = _join_dependent_blocks(both, observed, Solution(solved.values, noise, solved.observed, known))
+
     def compute_levels(solved: _InstrumentalFactors, noise: FloatArray) -> FloatArray:
         levels = compute_noise_levels(observed, solved.values)
         if known is None:
             return levels
         fit = Solution(solved.values, noise, solved.observed, known)
-        return levels * np.sqrt(_compute_overstatements(both, observed, fit))
+        return levels * np.sqrt(_compute_overstatements(*joined, fit))
 
-    # The weights come from residuals of W χ. Before the first solution there are none, and all equations count alike.
-    noise, converged = np.ones(len(both.equations)), False
-    solved = _solve_weighted(both, noise, twice)
     following = compute_levels(solved, noise)
     for _ in range(MOST_ROUNDS):
         noise = following
@@ -177,8 +181,7 @@ def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation 
 
 
 def _compute_overstatements(both: Reduction, observed: Reduction, solution: Solution) -> FloatArray:
-    """Return by how much the rows of every equation overstate the information in them (n,)."""
-    both, observed = _join_dependent_blocks(both, observed, solution)
+    """Return by how much the rows of every equation overstate the information in them (n,), in independent blocks."""
     inflation = []
     for whole, equation, fit in zip(both.equations, observed.equations, select_fits(observed, solution), strict=True):
         instruments, w, rests = _split_instruments(whole, solution.values)
@@ -198,10 +201,10 @@ def _compute_statistics(
     both: Reduction, observed: Reduction, solution: Solution, solved: _InstrumentalFactors, kind: CovarianceName
 ) -> Statistics:
     """Return (ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, with correlated residuals treated as in `statistics`."""
-    overstated = _compute_overstatements(both, observed, solution)
     noise = compute_noise_levels(observed, solution.values)
-    worth = both.row_counts / overstated
     both, observed = _join_dependent_blocks(both, observed, solution)
+    overstated = _compute_overstatements(both, observed, solution)
+    worth = both.row_counts / overstated
     if has_enough_blocks(observed, kind):
         # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
         turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
