@@ -234,7 +234,7 @@ def draw_shared(seed: int, memory: float, joints: int = 3, p: int = 6) -> Reduct
 
 @pytest.mark.parametrize(("memory", "least"), [(0.0, 0.87), (0.5, 0.85), (1.5, 0.77)])
 @pytest.mark.parametrize("kind", ["by_time_and_joints", "by_joint"])
-def test_intervals_hold_the_truth_however_slow_the_residuals(memory, least, kind):
+def test_intervals_hold_the_truth_on_average_and_less_often_for_a_constant(memory, least, kind):
     held = []
     for seed in range(120):
         reduction = draw_shared(seed, memory)
@@ -242,7 +242,8 @@ def test_intervals_hold_the_truth_however_slow_the_residuals(memory, least, kind
         held.append(np.abs(solution.values - 1.0) <= statistics(reduction, solution, kind).half_widths())
     # Of 720 intervals, 95 % are 684 ± 6; those of one draw go together.
     assert 0.92 <= np.mean(held) <= 0.985
-    # A constant is what slow residuals resemble most: twenty seconds are few of a memory of 1.5 s.
+    # A constant is what slow residuals resemble most. Blocks are joined until no dependence is significant over all
+    # columns together, which is too early for one of them: its intervals are too narrow.
     assert np.mean(held, axis=0).min() >= least
 
 
