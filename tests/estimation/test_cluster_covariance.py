@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.linalg import lstsq
 
 from dynident.estimation import (
+    EquationFactors,
     FactorAccumulator,
     PriorInformation,
     Reduction,
@@ -166,3 +170,90 @@ def test_few_stretches_are_judged_by_joint():
     np.testing.assert_allclose(
         statistics(reduction, solution).covariance, statistics(reduction, solution, "by_joint").covariance
     )
+
+
+OWN, SHARED = 2, 1
+
+
+def draw_equations(rng: np.random.Generator, blocks: list[int], per_block: int = 12) -> Reduction:
+    """Return equations with two parameters of their own each and a shared one, all true values 1, by their blocks."""
+    c, equations = OWN * len(blocks) + SHARED, []
+    for k, n in enumerate(blocks):
+        w = rng.normal(size=(n, per_block, OWN + SHARED)) + 0.5
+        y = w.sum(axis=2) + rng.normal(size=(n, 1)) + rng.normal(size=(n, per_block))
+        factors = np.linalg.qr(np.concatenate([w, y[:, :, None]], axis=2), mode="r")
+        columns = np.append(np.arange(OWN) + OWN * k, c - 1)
+        equations.append(EquationFactors(columns, factors, np.full(n, per_block)))
+    times = np.arange(float(max(blocks)))
+    return Reduction(c, tuple(equations), np.stack([times, times + 1.0], axis=1))
+
+
+def pad_blocks(equation: EquationFactors, n: int) -> EquationFactors:
+    """Return the same rows in n blocks, the last of which have none."""
+    missing = n - len(equation.counts)
+    factors = np.pad(equation.factors, [(0, missing), (0, 0), (0, 0)])
+    return EquationFactors(equation.columns, factors, np.pad(equation.counts, (0, missing)))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    blocks=st.lists(st.integers(2, 20), min_size=2, max_size=4).filter(lambda n: max(n) >= 5),
+    kind=st.sampled_from(["by_time_and_joints", "by_joint"]),
+)
+def test_equations_may_have_blocks_of_different_numbers(seed, blocks, kind):
+    reduction = draw_equations(np.random.default_rng(seed), blocks)
+    noise = np.ones(len(blocks))
+    solution = solve(reduction, noise)
+    found = estimate_cluster_covariance(reduction, solution, kind)
+    padded = replace(reduction, equations=tuple(pad_blocks(e, max(blocks)) for e in reduction.equations))
+    expected = estimate_cluster_covariance(padded, solution, kind)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
+    np.testing.assert_allclose(found.freedom, expected.freedom, rtol=1e-9)
+    np.testing.assert_allclose(
+        statistics(reduction, solution, kind).covariance, statistics(padded, solution, kind).covariance, rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("kind", ["by_time_and_joints", "by_joint"])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_equation_without_rows_changes_nothing_however_it_is_written(kind, seed):
+    plain = draw_equations(np.random.default_rng(seed), [12, 15])
+    first = plain.equations[0]
+    whole = EquationFactors(first.columns, np.zeros((15, *first.factors.shape[1:])), np.zeros(15, dtype=int))
+    nothing = EquationFactors(first.columns[:0], np.zeros((0, 1, 1)), first.counts[:0])
+    expected = statistics(plain, solve_weighted(plain), kind)
+    for empty in (whole, nothing, pad_blocks(nothing, 15)):
+        reduction = replace(plain, equations=(*plain.equations, empty))
+        found = statistics(reduction, solve(reduction, np.append(solve_weighted(plain).noise, 1.0)), kind)
+        np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
+        np.testing.assert_allclose(found.freedom, expected.freedom, rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["by_time_and_joints", "by_joint"])
+def test_an_equation_with_few_rows_leaves_the_others_their_blocks(kind):
+    held, freedom = [], []
+    for seed in range(300):
+        reduction = draw_equations(np.random.default_rng(seed), [24, 24, 3])
+        solution = solve_weighted(reduction)
+        found = statistics(reduction, solution, kind)
+        held.append(np.abs(solution.values - 1.0) <= found.half_widths())
+        freedom.append(found.freedom)
+    rich, poor = np.arange(2 * OWN), np.arange(2 * OWN, 3 * OWN)
+    # Rows of one block share an error: counted one by one, they would give hundreds of degrees of freedom.
+    assert np.median(np.array(freedom)[:, rich]) < 24
+    assert np.median(np.array(freedom)[:, poor]) < 3
+    assert 0.92 <= np.mean(np.array(held)[:, rich]) <= 0.98
+    assert np.mean(np.array(held)[:, poor]) >= 0.92
+
+
+def test_many_blocks_need_no_matrix_of_all_pairs_of_blocks():
+    reduction = draw_equations(np.random.default_rng(1), [1200, 1200, 1200])
+    solution = solve_weighted(reduction)
+    tracemalloc.start()
+    found = estimate_cluster_covariance(reduction, solution, "by_joint")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found.freedom.min() > 500
+    # All pairs of blocks would take 8 x 3600² bytes for each of seven parameters.
+    assert peak < 50e6

@@ -13,7 +13,7 @@ from support.oracles import arm, crooked_urdf, fourier_motion, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import EquationFactors, EstimationError, compute_errors
+from dynident.estimation import EstimationError, compute_errors
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.equations.model_and_data_checks import find_undetermined_parameters
 from dynident.identification.estimation_problem import Problem
@@ -168,10 +168,7 @@ def test_combinations_that_one_equation_does_not_separate_wait_for_the_next():
         reduced_states(MODEL, [(motion, torque_of(UR10, motion, standard)) for motion in motions[:k]]) for k in (1, 2)
     )
     # Joint 6 has torque in the first run alone, where nothing else moves.
-    last, missing = alone.equations.equations[5], both.equations.n_blocks - alone.equations.n_blocks
-    factors = np.pad(last.factors, [(0, missing), (0, 0), (0, 0)])
-    last = EquationFactors(last.columns, factors, np.pad(last.counts, (0, missing)))
-    equations = (*both.equations.equations[:5], last)
+    equations = (*both.equations.equations[:5], alone.equations.equations[5])
     data = replace(both, equations=replace(both.equations, equations=equations))
     step = step_of(data, 5, StepEstimates.empty(MODEL.n_parameters))
     equation = data.equations.equations[5]

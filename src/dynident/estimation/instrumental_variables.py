@@ -27,18 +27,17 @@ from dynident.estimation.parameter_covariance import (
     Statistics,
     compute_row_freedom,
     estimate_cluster_covariance,
-    find_occupied_blocks,
-    list_clusters,
+    has_enough_blocks,
 )
 from dynident.estimation.prior_information import PriorInformation, Solution
 from dynident.estimation.qr_decomposition import compute_r_factor
 from dynident.estimation.residual_correlation import (
-    FEWEST_BLOCKS,
     compute_overstatement,
+    compute_scores,
     join_dependent_blocks,
     select_fits,
 )
-from dynident.estimation.triangular_factors import Reduction
+from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
 # Smallest part of a column of Z or W that must be independent of the columns before it.
 _SINGULAR = 1e-10
@@ -96,16 +95,20 @@ def solve_instrumental(
     # Prior knowledge has no noise in W: it is its own instrument.
     twice = None if known is None else PriorInformation(np.hstack([known.factor, known.factor]), known.right)
 
+    # The weights come from residuals of W χ. Before the first solution there are none, and all equations count alike.
+    converged = False
+    noise = compute_noise_levels(observed, _solve_weighted(both, np.ones(len(both.equations)), twice).values)
+    solved = _solve_weighted(both, noise, twice)
+    # Decided once: near the threshold, blocks that are joined could move the fit to where they are not, and back.
+    joined = _join_dependent_blocks(both, observed, Solution(solved.values, noise, solved.observed, known))
+
     def compute_levels(solved: _InstrumentalFactors, noise: FloatArray) -> FloatArray:
         levels = compute_noise_levels(observed, solved.values)
         if known is None:
             return levels
         fit = Solution(solved.values, noise, solved.observed, known)
-        return levels * np.sqrt(_compute_overstatements(both, observed, fit))
+        return levels * np.sqrt(_compute_overstatements(*joined, fit))
 
-    # The weights come from residuals of W χ. Before the first solution there are none, and all equations count alike.
-    noise, converged = np.ones(len(both.equations)), False
-    solved = _solve_weighted(both, noise, twice)
     following = compute_levels(solved, noise)
     for _ in range(MOST_ROUNDS):
         noise = following
@@ -178,13 +181,10 @@ def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation 
 
 
 def _compute_overstatements(both: Reduction, observed: Reduction, solution: Solution) -> FloatArray:
-    """Return by how much the rows of every equation overstate the information in them (n,)."""
-    both, observed = _join_dependent_blocks(both, observed, solution)
+    """Return by how much the rows of every equation overstate the information in them (n,), in independent blocks."""
     inflation = []
     for whole, equation, fit in zip(both.equations, observed.equations, select_fits(observed, solution), strict=True):
-        k = len(whole.columns) // 2
-        instruments, w, y = whole.factors[:, :, :k], whole.factors[:, :, k : 2 * k], whole.factors[:, :, 2 * k]
-        rests = y - w @ solution.values[equation.columns]
+        instruments, w, rests = _split_instruments(whole, solution.values)
         inflation.append(compute_overstatement(instruments, rests, float(equation.counts.sum()), fit, w))
     return np.array(inflation)
 
@@ -201,20 +201,19 @@ def _compute_statistics(
     both: Reduction, observed: Reduction, solution: Solution, solved: _InstrumentalFactors, kind: CovarianceName
 ) -> Statistics:
     """Return (ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, with correlated residuals treated as in `statistics`."""
-    overstated = _compute_overstatements(both, observed, solution)
     noise = compute_noise_levels(observed, solution.values)
-    worth = both.row_counts / overstated
     both, observed = _join_dependent_blocks(both, observed, solution)
-    if kind != "independent" and find_occupied_blocks(both).sum() >= FEWEST_BLOCKS:
+    overstated = _compute_overstatements(both, observed, solution)
+    worth = both.row_counts / overstated
+    if has_enough_blocks(observed, kind):
         # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
         turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
-        instrumented = iter(list_clusters(both, solution.noise, kind))
-        spread = estimate_cluster_covariance(
-            observed,
-            solution,
-            kind,
-            lambda part, noise: _compute_scores(next(instrumented)[0], noise, solution.values) @ turned,
-        )
+        scores = []
+        for equation, sigma in zip(both.equations, solution.noise, strict=True):
+            instruments, _, rests = _split_instruments(equation, solution.values)
+            where = equation.columns[: instruments.shape[2]]
+            scores.append(compute_scores(instruments, rests) @ (turned[where] / sigma**2))
+        spread = estimate_cluster_covariance(observed, solution, kind, scores)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     c = observed.n_columns
     counted = np.ones(len(overstated)) if kind == "independent" else overstated
@@ -235,12 +234,8 @@ def _compute_statistics(
     return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
 
 
-def _compute_scores(both: Reduction, noise: FloatArray, values: FloatArray) -> FloatArray:
-    """Return Z_sᵀρ_s of every block (s, c), each equation in units of its noise."""
-    scores = np.zeros((both.n_blocks, both.n_columns // 2))
-    for equation, sigma in zip(both.equations, noise, strict=True):
-        k = len(equation.columns) // 2
-        where = equation.columns[:k]
-        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[where]
-        scores[:, where] += (rests[:, None, :] @ equation.factors[:, :, :k])[:, 0] / sigma**2
-    return scores
+def _split_instruments(equation: EquationFactors, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Z (s, m, k), W (s, m, k) and the residuals (s, m) of every block of rows [Z | W | Y]."""
+    k = len(equation.columns) // 2
+    instruments, w, y = np.split(equation.factors, [k, 2 * k], axis=2)
+    return instruments, w, y[:, :, 0] - w @ values[equation.columns[:k]]

@@ -16,7 +16,7 @@ from dynident.array_types import FloatArray, IndexArray
 from dynident.errors import DynidentError
 from dynident.estimation.prior_information import PriorInformation, Solution
 from dynident.estimation.qr_decomposition import compute_r_factor, pad_to_square
-from dynident.estimation.residual_correlation import compute_correlation_factors
+from dynident.estimation.residual_correlation import compute_correlation_factors, join_dependent_blocks
 from dynident.estimation.residual_errors import compute_deviation, compute_fitted_errors, compute_residual_noise
 from dynident.estimation.triangular_factors import EquationFactors, Reduction
 
@@ -188,11 +188,14 @@ def solve_ordinary(reduction: Reduction, known: PriorInformation | None = None) 
     counts = reduction.row_counts
 
     # The mean variance over all rows; equations still count alike, only prior knowledge is weighed against it.
-    def compute_common_noise(solution: Solution) -> FloatArray:
-        doubt = compute_correlated_noise(reduction, solution)
+    def compute_common_noise(joined: Reduction, solution: Solution) -> FloatArray:
+        doubt = compute_correlated_noise(reduction, solution, joined)
         return float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0))) * alike
 
-    return _iterate_against_prior(reduction, solve(reduction, alike, known), compute_common_noise)
+    first = solve(reduction, alike, known)
+    # The first weights know no unit: only the second fit weighs the prior by the size of its residuals.
+    second = solve(reduction, compute_common_noise(join_dependent_blocks(reduction, first), first), known)
+    return _iterate_against_prior(reduction, second, compute_common_noise)
 
 
 def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
@@ -223,7 +226,9 @@ def solve_weighted(reduction: Reduction, known: PriorInformation | None = None) 
     # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
     if known is not None and known.has_rows:
         return _iterate_against_prior(
-            reduction, first, lambda fit: compute_correlated_noise(reduction, fit) / grow(fit.values)
+            reduction,
+            first,
+            lambda joined, fit: compute_correlated_noise(reduction, fit, joined) / grow(fit.values),
         )
     equations = ReweightedEquations.from_solution(reduction, first)
 
@@ -260,14 +265,18 @@ def _measure_terms(reduction: Reduction, values: FloatArray) -> FloatArray:
 
 
 def _iterate_against_prior(
-    reduction: Reduction, first: Solution, noise_of: Callable[[Solution], FloatArray]
+    reduction: Reduction, first: Solution, noise_of: Callable[[Reduction, Solution], FloatArray]
 ) -> Solution:
     """Solve and estimate the noise in turn until the noise settles; it depends on the fit as a whole."""
+    # Decided once: near the threshold, blocks that are joined could move the fit to where they are not, and back.
+    joined = join_dependent_blocks(reduction, first)
 
     def solve_again(noise: FloatArray) -> Solution:
         return solve(reduction, noise, first.known)
 
-    _, fit, has_settled = settle_noise(reduction, noise_of(first), noise_of, solve_again)
+    _, fit, has_settled = settle_noise(
+        reduction, noise_of(joined, first), lambda fit: noise_of(joined, fit), solve_again
+    )
     return replace(fit, converged=has_settled)
 
 
@@ -383,7 +392,7 @@ def compute_rounding(reduction: Reduction) -> FloatArray:
     return _ROUNDING * reduction.measured_sizes / np.sqrt(np.maximum(reduction.row_counts, 1.0))
 
 
-def compute_correlated_noise(reduction: Reduction, solution: Solution) -> FloatArray:
+def compute_correlated_noise(reduction: Reduction, solution: Solution, joined: Reduction | None = None) -> FloatArray:
     """Return the noise (n,) of every equation, raised by the correlation of its rows.
 
     Prior knowledge is weighed against it. It is at least what rounding leaves of the measured values, lest exact data
@@ -393,9 +402,12 @@ def compute_correlated_noise(reduction: Reduction, solution: Solution) -> FloatA
     ----------
     reduction, solution : Reduction, Solution
         The equations, and the estimate whose residuals are taken.
+    joined : Reduction, optional
+        As `compute_correlation_factors` takes it.
     """
     noise = compute_noise_levels(reduction, solution.values)
-    return np.maximum(noise * np.sqrt(compute_correlation_factors(reduction, solution)), compute_rounding(reduction))
+    factors = compute_correlation_factors(reduction, solution, joined)
+    return np.maximum(noise * np.sqrt(factors), compute_rounding(reduction))
 
 
 def describe_fit(

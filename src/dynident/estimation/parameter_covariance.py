@@ -25,7 +25,7 @@ over the parameters).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -35,16 +35,14 @@ from scipy.linalg import lapack
 from scipy.special import stdtrit
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.estimation.least_squares import (
-    build_weighted_factor,
-    compute_correlated_noise,
-)
+from dynident.estimation.least_squares import build_weighted_factor, compute_correlated_noise
 from dynident.estimation.prior_information import Solution, extract_deviations
 from dynident.estimation.residual_correlation import (
     FEWEST_BLOCKS,
     compute_correlation_factors,
     compute_rests,
     compute_sandwich_covariance,
+    compute_scores,
     count_effective_rows,
     join_dependent_blocks,
 )
@@ -61,8 +59,8 @@ how far off that block is, and the direction is taken to be as uncertain as the 
 # Numbers in what blocks that are left out at once take: a few arrays of that size stay in the cache.
 _MOST_NUMBERS = 2**19
 
-# Largest number of degrees of freedom: as good as infinite to Student's t.
-_SURE = 1e6
+MOST_FREEDOM = 1e6
+"""Largest number of degrees of freedom: as good as infinite to Student's t."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,30 +79,35 @@ class ClusterCovariance:
     freedom: FloatArray
 
 
-def list_clusters(reduction: Reduction, noise: FloatArray, kind: CovarianceName) -> list[tuple[Reduction, FloatArray]]:
-    """Return the data in parts, all of whose blocks are independent of each other, with the noise of their equations.
+def has_enough_blocks(reduction: Reduction, kind: CovarianceName) -> bool:
+    """Return whether the spread of estimates over blocks of time is to be taken, and enough blocks have rows.
 
-    Parameters
-    ----------
-    reduction, noise : Reduction, (n,)
-        The equations, and the noise that they are weighted by.
-    kind : {"by_time_and_joints", "by_joint"}
-        One part with all equations, or one for each equation.
+    Blocks of time count, whichever equation has rows in them: an equation with few of its own has few degrees of
+    freedom, and takes none from the others.
     """
-    if kind == "by_time_and_joints":
-        return [(reduction, noise)]
-    return [
-        (Reduction(reduction.n_columns, (equation,), reduction.spans), noise[k : k + 1])
-        for k, equation in enumerate(reduction.equations)
-        if len(equation.counts)
-    ]
+    return kind != "independent" and int(find_occupied_blocks(reduction).sum()) >= FEWEST_BLOCKS
+
+
+def _group_equations(reduction: Reduction, kind: CovarianceName) -> list[tuple[IndexArray, Reduction]]:
+    """Return equations whose blocks of the same time depend on each other: their numbers, and their data.
+
+    All equations are one group, or each of them is one. Equations without rows are in none.
+    """
+    filled = np.flatnonzero(reduction.row_counts)
+    groups = []
+    for numbers in [filled] if kind == "by_time_and_joints" else list(filled[:, None]):
+        equations = tuple(reduction.equations[k] for k in numbers)
+        # Equations from runs of their own, as of the friction of one joint, have numbers of blocks of their own.
+        n_blocks = max((len(equation.counts) for equation in equations), default=0)
+        groups.append((numbers, Reduction(reduction.n_columns, equations, reduction.spans[:n_blocks])))
+    return groups
 
 
 def estimate_cluster_covariance(
     reduction: Reduction,
     solution: Solution,
     kind: CovarianceName = "by_time_and_joints",
-    scores_of: Callable[[Reduction, FloatArray], FloatArray] | None = None,
+    scores: Sequence[FloatArray] | None = None,
 ) -> ClusterCovariance:
     """Estimate how far the estimates move when blocks of time are left out.
 
@@ -114,9 +117,9 @@ def estimate_cluster_covariance(
         The data and the estimate from it.
     kind : {"by_time_and_joints", "by_joint"}
         Whether a block of time is that of all equations together, or of each by itself.
-    scores_of : function, optional
-        Gives the scores (s, f) of a part of the data with its noise (n,) where an estimate does not solve Wᵀρ = 0
-        (instrumental variables), times `solution.root`.
+    scores : n of (s, f), optional
+        Scores of the blocks of every equation, times `solution.root`, where an estimate does not solve Wᵀρ = 0
+        (instrumental variables).
 
     Returns
     -------
@@ -137,15 +140,22 @@ def estimate_cluster_covariance(
     steps, dominated = [np.zeros((0, size))], np.zeros((size, size))
     pulls, moved = [np.zeros((0, len(root)))], [np.zeros((0, size, len(root)))]
     together = max(1, _MOST_NUMBERS // max(size, 1) ** 2)
-    for part, noise in list_clusters(reduction, solution.noise, kind):
-        scores = _compute_scores(part, noise, solution.values) @ root if scores_of is None else scores_of(part, noise)
+    if scores is None:
+        scores = [
+            compute_scores(e.factors[:, :, :-1], compute_rests(e, solution.values)) @ (root[e.columns] / sigma**2)
+            for e, sigma in zip(reduction.equations, solution.noise, strict=True)
+        ]
+    for numbers, part in _group_equations(reduction, kind):
+        together_scores = np.zeros((part.n_blocks, size))
+        for k in numbers:
+            together_scores[: len(scores[k])] += scores[k]
         # A block in which no equation has rows has no score. It would only raise the number of clusters.
         filled = np.flatnonzero(find_occupied_blocks(part))
         for first in range(0, len(filled), together):
             where = filled[first : first + together]
-            informations = _compute_informations(part, noise, root, where)
+            informations = _compute_informations(part, solution.noise[numbers], root, where)
             right = np.empty((len(informations), size, 1 + len(root)))
-            right[:, :, 0], right[:, :, 1:] = scores[where], directions.T
+            right[:, :, 0], right[:, :, 1:] = together_scores[where], directions.T
             amplified, alone = _leave_out_blocks(informations, right)
             dominated += alone
             u = amplified[:, :, 1:]
@@ -170,28 +180,16 @@ def estimate_cluster_covariance(
     doubt = from_steps**2 / np.maximum(own, 1.0) + from_assumption**2
     freedom = (from_steps + from_assumption + from_knowledge) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
     # A parameter that is held is a constant.
-    freedom = np.where(solution.is_held, np.inf, np.clip(freedom, 1.0, _SURE))
+    freedom = np.where(solution.is_held, np.inf, np.clip(freedom, 1.0, MOST_FREEDOM))
     return ClusterCovariance(0.5 * (covariance + covariance.T), freedom)
-
-
-def count_clusters(reduction: Reduction, kind: CovarianceName) -> int:
-    """Return the number of blocks with rows, by joint that of the equation with the fewest.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations, by blocks of time.
-    kind : {"by_time_and_joints", "by_joint"}
-        As in `list_clusters`.
-    """
-    parts = list_clusters(reduction, np.ones(len(reduction.equations)), kind)
-    return min((int(find_occupied_blocks(part).sum()) for part, _ in parts), default=0)
 
 
 def find_occupied_blocks(reduction: Reduction) -> BoolArray:
     """Return (s,): which blocks of time have any row in them; the others are empty."""
-    counts = [equation.counts for equation in reduction.equations if len(equation.counts)]
-    return np.asarray(np.sum(counts, axis=0) > 0) if counts else np.zeros(reduction.n_blocks, dtype=bool)
+    occupied = np.zeros(reduction.n_blocks, dtype=bool)
+    for equation in reduction.equations:
+        occupied[: len(equation.counts)] |= equation.counts > 0
+    return occupied
 
 
 def _compute_row_variance(reduction: Reduction, solution: Solution) -> float:
@@ -204,25 +202,14 @@ def _compute_row_variance(reduction: Reduction, solution: Solution) -> float:
     return squares / max(reduction.n_rows - int(np.sum(~solution.is_held)), 1)
 
 
-def _compute_scores(reduction: Reduction, noise: FloatArray, values: FloatArray) -> FloatArray:
-    """Return W_sᵀρ_s of every block (s, c) at parameters χ (c,), each equation in units of its noise (n,)."""
-    scores = np.zeros((reduction.n_blocks, reduction.n_columns))
-    for equation, sigma in zip(reduction.equations, noise, strict=True):
-        if len(equation.counts):
-            rests = compute_rests(equation, values)
-            scores[:, equation.columns] += (rests[:, None, :] @ equation.factors[:, :, :-1])[:, 0] / sigma**2
-    return scores
-
-
 def _compute_informations(reduction: Reduction, noise: FloatArray, root: FloatArray, blocks: IndexArray) -> FloatArray:
     """Return rootᵀ A_s root of some blocks (s, f, f)."""
     f = root.shape[1]
     informations = np.zeros((len(blocks), f, f))
     for equation, sigma in zip(reduction.equations, noise, strict=True):
-        if not len(equation.counts):
-            continue
-        rows = equation.factors[blocks, :, :-1] @ (root[equation.columns] / sigma)
-        informations += rows.transpose(0, 2, 1) @ rows
+        own = blocks < len(equation.counts)
+        rows = equation.factors[blocks[own], :, :-1] @ (root[equation.columns] / sigma)
+        informations[own] += rows.transpose(0, 2, 1) @ rows
     return informations
 
 
@@ -255,7 +242,8 @@ def _compute_satterthwaite_freedom(own: FloatArray, v: FloatArray) -> FloatArray
     """
     size = np.einsum("sik,sik->sk", v, v)
     trace = (own - size).sum(axis=0)
-    stacked = v.transpose(2, 0, 1)
+    # VᵀV and VVᵀ have the same norm; the smaller one is formed.
+    stacked = v.transpose((2, 1, 0) if v.shape[1] < len(v) else (2, 0, 1))
     overlap = stacked @ stacked.transpose(0, 2, 1)
     # tr Ω² of a diagonal matrix minus a Gram matrix, without forming the (s, s) matrix: the square of the diagonal, the
     # cross term and the square of the Gram matrix.
@@ -434,7 +422,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
         Covariance, effective numbers of rows, noise and degrees of freedom.
     """
     joined = join_dependent_blocks(reduction, solution)
-    if kind == "independent" or count_clusters(joined, kind) < FEWEST_BLOCKS:
+    if not has_enough_blocks(joined, kind):
         return compute_pooled_statistics(reduction, solution, is_independent=kind == "independent")
     spread = estimate_cluster_covariance(joined, solution, kind)
     worth = count_effective_rows(joined, solution)

@@ -23,13 +23,17 @@ FEWEST_BLOCKS = 5
 _BEYOND_CHANCE = 2.0
 
 
-def compute_correlation_factors(reduction: Reduction, solution: Solution) -> FloatArray:
+def compute_correlation_factors(
+    reduction: Reduction, solution: Solution, joined: Reduction | None = None
+) -> FloatArray:
     """Return by how much the rows of every equation overstate the information in them.
 
     Parameters
     ----------
     reduction, solution : Reduction, Solution
         The equations, and the estimate whose residuals are taken, with the weights that it was fitted with.
+    joined : Reduction, optional
+        The same rows in independent blocks; without it, blocks that depend on each other are joined.
 
     Returns
     -------
@@ -37,7 +41,7 @@ def compute_correlation_factors(reduction: Reduction, solution: Solution) -> Flo
         Numbers of rows over numbers of independent samples, at least 1; 1 where there are too few blocks or rows to
         tell.
     """
-    joined = join_dependent_blocks(reduction, solution)
+    joined = join_dependent_blocks(reduction, solution) if joined is None else joined
     fits = select_fits(joined, solution)
     return np.array(
         [compute_correlation_factor(e, solution.values, fit) for e, fit in zip(joined.equations, fits, strict=True)]
@@ -158,6 +162,11 @@ def compute_rests(equation: EquationFactors, values: FloatArray) -> FloatArray:
         W_sᵀρ_s and ρ_sᵀρ_s are those of the rows.
     """
     return np.asarray(equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns])
+
+
+def compute_scores(columns: FloatArray, rests: FloatArray) -> FloatArray:
+    """Return the score of every block (s, p): its columns (s, m, p), of W or of the instruments, times ρ (s, m)."""
+    return np.asarray((rests[:, None, :] @ columns)[:, 0])
 
 
 def count_correlation_freedoms(reduction: Reduction, solution: Solution) -> FloatArray:

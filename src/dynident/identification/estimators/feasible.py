@@ -21,6 +21,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, solve_weighted, statistics
 from dynident.estimation.constrained_least_squares import ConstrainedSolution
 from dynident.estimation.least_squares import are_weights_settled, compute_correlated_noise
+from dynident.estimation.residual_correlation import join_dependent_blocks
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.estimation_problem_options import DescriptionTrust
 from dynident.identification.estimators.feasible_problem import (
@@ -83,10 +84,11 @@ def solve_feasible(request: Problem) -> Fit:
     problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean), speeds)
     # Beside a prior rows count as information: correlated ones must not count as independent samples.
     is_weighed = known is not None and known.has_rows
+    joined = join_dependent_blocks(data.equations, unconstrained)
 
     def compute_levels(fit: Solution) -> FloatArray:
         if is_weighed:
-            return compute_correlated_noise(data.equations, fit)
+            return compute_correlated_noise(data.equations, fit, joined)
         return compute_noise_levels(data.equations, fit.values)
 
     noise = unconstrained.noise

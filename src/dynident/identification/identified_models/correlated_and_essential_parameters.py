@@ -30,7 +30,7 @@ from dynident.estimation.parameter_correlation import (
     WeakDirection,
     find_collinearity,
 )
-from dynident.estimation.parameter_covariance import compute_null_space, compute_pooled_statistics, count_clusters
+from dynident.estimation.parameter_covariance import compute_null_space, compute_pooled_statistics, find_occupied_blocks
 from dynident.estimation.residual_correlation import FEWEST_BLOCKS, join_dependent_blocks
 from dynident.identification.description_prior import check_unique
 from dynident.identification.identification_choices import EssentialChoices
@@ -378,7 +378,7 @@ def _test_conditions(
 ) -> WaldTest:
     """Test whether functions of estimates are zero, with the degrees of freedom that their covariance is known with."""
     kind, solution = identification.choices.covariance, identification.estimate.solution
-    blocks = count_clusters(join_dependent_blocks(identification.data.equations, solution), "by_time_and_joints")
+    blocks = int(find_occupied_blocks(join_dependent_blocks(identification.data.equations, solution)).sum())
     if kind != "by_time_and_joints" or blocks < FEWEST_BLOCKS:
         return compute_wald_test(values, covariance, freedom)
     if blocks <= len(values):

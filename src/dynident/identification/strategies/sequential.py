@@ -34,11 +34,12 @@ from dynident.estimation import (
     describe_fit,
 )
 from dynident.estimation.parameter_covariance import (
+    MOST_FREEDOM,
     CovarianceName,
-    count_clusters,
     estimate_cluster_covariance,
+    has_enough_blocks,
 )
-from dynident.estimation.residual_correlation import FEWEST_BLOCKS, compute_rests, join_dependent_blocks
+from dynident.estimation.residual_correlation import compute_rests, compute_scores, join_dependent_blocks
 from dynident.identification.equations.reduced_recordings import Data
 from dynident.identification.estimation_problem import Fit, Problem
 from dynident.identification.methods.base_classes import ESTIMATORS, MODELS, Estimator, StepsName, StrategyChoices
@@ -48,8 +49,6 @@ from dynident.robot.robot_model import Robot
 _ROUNDING_SHARE = 1e-8
 # Share of the largest noise that every equation has at least: an exact equation would drown all others in rounding.
 _LEAST_NOISE = 1e-6
-# As many degrees of freedom as infinitely many to Student's t.
-_SURE = 1e6
 
 PATIENCE = 2.0
 """A function is left to later steps where its standard deviation from this step alone is more than so many times that
@@ -80,7 +79,7 @@ class ErrorSource:
     equations: Reduction
     noise: FloatArray
     covariance: FloatArray | None = None
-    freedom: float = _SURE
+    freedom: float = MOST_FREEDOM
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,19 +262,21 @@ def conclude_steps(
     solution = replace(describe_fit(equations, values), converged=all(fit.solution.converged for fit in fits))
     worth = count_effective_rows(equations, solution)
     statistics = Statistics(pooled, worth, solution.noise, compute_row_freedom(worth, len(values)))
-    if covariance != "independent" and count_clusters(equations, covariance) >= FEWEST_BLOCKS:
-        statistics = _replace_by_spread(statistics, equations, solution, findings, covariance)
+    joined = join_dependent_blocks(equations, solution)
+    if has_enough_blocks(joined, covariance):
+        statistics = _replace_by_spread(statistics, joined, solution, findings, covariance)
     return Fit(solution, statistics, (*warnings, *(warning for fit in fits for warning in fit.warnings)))
 
 
 def _replace_by_spread(
-    pooled: Statistics, equations: Reduction, solution: Solution, findings: StepEstimates, kind: CovarianceName
+    pooled: Statistics, joined: Reduction, solution: Solution, findings: StepEstimates, kind: CovarianceName
 ) -> Statistics:
     """Return statistics by how far the estimates move when blocks of time are left out, through all steps."""
-    joined = join_dependent_blocks(equations, solution)
     # In coordinates in which the normal equations of all rows are one, as `estimate_cluster_covariance` takes scores.
     to_scores = np.linalg.inv(solution.root).T
-    maps, apart, doubt = {}, np.zeros((equations.n_columns, equations.n_columns)), np.zeros(equations.n_columns)
+    c = joined.n_columns
+    scores = [np.zeros((len(equation.counts), c)) for equation in joined.equations]
+    apart, doubt = np.zeros((c, c)), np.zeros(c)
     for source in findings.sources:
         moves = findings.inverse @ source.gain
         if source.covariance is not None:
@@ -283,24 +284,17 @@ def _replace_by_spread(
             apart += part
             doubt += np.diag(part) ** 2 / source.freedom
             continue
-        for equation, own, sigma in zip(joined.equations, source.equations.equations, source.noise, strict=True):
-            if len(own.counts):
-                maps[id(equation)] = moves.T @ to_scores / sigma**2
-
-    def compute_step_scores(part: Reduction, _: FloatArray) -> FloatArray:
-        scores = np.zeros((part.n_blocks, equations.n_columns))
-        for equation in part.equations:
-            if id(equation) in maps:
-                own = compute_rests(equation, solution.values)[:, None, :] @ equation.factors[:, :, :-1]
-                scores += own[:, 0] @ maps[id(equation)][equation.columns]
-        return scores
-
-    spread = estimate_cluster_covariance(joined, solution, kind, compute_step_scores)
+        # A step takes the rows of some equations. What several steps take adds up.
+        for k in np.flatnonzero(source.equations.row_counts):
+            equation = joined.equations[k]
+            own = compute_scores(equation.factors[:, :, :-1], compute_rests(equation, solution.values))
+            scores[k] += own @ (moves.T @ to_scores)[equation.columns] / source.noise[k] ** 2
+    spread = estimate_cluster_covariance(joined, solution, kind, scores)
     covariance = spread.covariance + apart
     # Of a sum of variances (Welch).
     doubt += np.diag(spread.covariance) ** 2 / spread.freedom
     freedom = np.diag(covariance) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
-    return replace(pooled, covariance=covariance, freedom=np.clip(freedom, 1.0, _SURE))
+    return replace(pooled, covariance=covariance, freedom=np.clip(freedom, 1.0, MOST_FREEDOM))
 
 
 @dataclass(frozen=True, eq=False)
