@@ -119,8 +119,8 @@ def inspect_file(
 
 
 def _find_stated_signals(columns: Mapping[str, str], sample: Sample, robot: Robot) -> dict[str, str]:
-    """Return our name of every column of signals that are stated for all joints, by the file's name."""
-    ours: dict[str, str] = {}
+    """Return our name of the time, and of signals that are stated for all joints, by the file's name."""
+    ours = {columns["t"]: "t"} if columns.get("t") in sample.names else dict[str, str]()
     for signal in ("q", "dq", "tau", "current"):
         keys = [(f"{signal}{joint + 1}", f"{signal}_{name}") for joint, name in enumerate(robot.joint_names)]
         stated = [columns.get(number, columns.get(name, "")) for number, name in keys]
