@@ -128,6 +128,23 @@ def test_pauses_between_runs_are_no_bursts(seed: int, rate: float, run: float, p
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("factor", [1.2, 1.6])
+def test_masses_tell_a_wrong_clock_from_scaled_velocities(seed: int, factor: float, tmp_path: Path) -> None:
+    given = log("ur10", seed, rate=100.0)
+    speed = np.gradient(given.q, given.t, axis=0)
+    found = []
+    for of_time, of_speed in ((factor, 1.0), (1.0, factor)):
+        columns = given.columns() | {f"dq{k + 1}": of_speed * dq for k, dq in enumerate(speed.T)}
+        columns["t"] = of_time * given.t
+        inspected = inspect_file(write(tmp_path / "run.parquet", columns), given.robot).proposal
+        assert inspected is not None
+        checks = read(given.robot, tmp_path, columns, cures=5).checks
+        names = {check.name for check in checks}, {guess.field.removeprefix("rows/") for guess in inspected.guesses}
+        found.append(["clock_rate" in own for own in names])
+    assert found == [[True, True], [False, False]]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_warning_that_is_not_cured_says_so(seed: int, tmp_path: Path) -> None:
     given = log("ur10", seed, rate=200.0)
     late = np.column_stack([np.interp(given.t - 0.05, given.t, column) for column in given.tau.T])

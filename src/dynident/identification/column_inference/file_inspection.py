@@ -16,7 +16,7 @@ from dynident.array_types import FloatArray
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Guess, Proposal, Question
-from dynident.identification.robot_recording_import import build_recorded_joints
+from dynident.identification.robot_recording_import import build_recorded_joints, refute_clocks
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.file_names_and_digests import compute_digest
@@ -142,13 +142,14 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot, stated: Map
         # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.
         pq.write_table(pa.table([from_numbers(column) for column in sample.values.T], names=list(sample.names)), rows)
         try:
-            _, checks = import_recording(
+            recording, checks = import_recording(
                 rows,
                 Path(folder) / "read.parquet",
                 build_recorded_joints(robot),
                 metadata=metadata,
                 against=_report_checked,
             )
+            checks = refute_clocks(robot, recording, checks)
         except RecordingError as error:
             refused = [check for check in error.checks if check.status == "error"]
             questions = [Question.from_check("columns", check) for check in refused]

@@ -396,7 +396,7 @@ class _ColumnInference(WorkingProposal):
                 self.questions.append(Question("columns/q", f"{detail} Then say {remedy}.", remedies=(remedy,)))
             else:
                 are_slopes = (own[moving] > SLOPE).all()
-                if are_slopes and find_common_ratio((1.0 / ratio[moving]).tolist()):
+                if are_slopes and find_common_ratio((1.0 / ratio[moving]).tolist(), own[moving].min()):
                     self.assign_columns("dq", group)  # the check of the clock tells of it
                     return
                 why = "its unit is not known" if are_slopes else "it is not the derivative of these positions"
