@@ -443,7 +443,7 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
     mean[1:-1] = (positions.dq[:-2] + 4.0 * positions.dq[1:-1] + positions.dq[2:]) / 6.0
     ratios = dict[int, float]()
     likeness = 1.0
-    for joint in np.flatnonzero(positions.moved):
+    for joint in np.flatnonzero(positions.moved).tolist():
         logged, derivative = mean[inner, joint], speed[inner, joint]
         if not np.isfinite(logged).all() or not logged.any() or not derivative.any():
             continue
@@ -452,7 +452,7 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
         # A column that goes another way than the derivative is another signal, whose unit nobody can tell from it.
         if abs(alike) < 0.7:
             continue
-        ratios[int(joint)] = float(np.copysign(np.sqrt((logged @ logged) / (derivative @ derivative)), alike))
+        ratios[joint] = float(np.copysign(np.sqrt((logged @ logged) / (derivative @ derivative)), alike))
         likeness = min(likeness, alike)
     # A clock that is wrong comes first: by a large factor it looks like a velocity of the motor's side.
     if common := find_common_ratio(list(ratios.values()), likeness):
