@@ -166,11 +166,8 @@ class WorkingProposal:
             # An error here is about the time, which is asked about elsewhere.
             self.values[:, efforts] = fill_gaps(rows.values[:, efforts])
             return q, fits, []
-        put_right = [
-            Guess(f"rows/{check.name}", "corrected", 0.95, check.detail, check.remedies)
-            for check in checks
-            if check.status != "ok"
-        ]
+        faults = [check for check in checks if check.status != "ok"]
+        put_right = [Guess(f"rows/{c.name}", "corrected", 0.95, c.detail, c.remedies) for c in faults]
         # Rows in which the drives are off, or samples are missing for long, must not be filled: they hold no torque.
         used = np.asarray(np.isfinite(np.hstack([right, measured])).all(axis=1))
         if not used.any():
@@ -348,14 +345,10 @@ class WorkingProposal:
         list of ColumnGroup
             One group; none where there are no such commands.
         """
+        if position is None:
+            return []
         for group in groups:
-            if (
-                position is None
-                or group.signal != "q"
-                or group.rank < 4
-                or group is position
-                or group.unit != position.unit
-            ):
+            if group.signal != "q" or group.rank < 4 or group is position or group.unit != position.unit:
                 continue
             commands, positions = list(group.columns), list(position.columns)
             ahead = self.values[:, commands] - self.values[:, positions]
