@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,6 +91,28 @@ def test_commands_stand_in_for_a_load_that_no_servo_wrote(tmp_path, arm):
     found = dy.inspect(path, arm)
     assert found.inspection.proposal.effort_kind == "position_command"
     assert [question.field for question in found.questions] == ["drives"]
+
+
+@pytest.mark.parametrize("ahead", [0.0, 1.0])
+def test_commands_that_echo_the_positions_are_no_torque_and_those_that_lead_leave_a_way_for_a_swing(
+    tmp_path, arm, ahead
+):
+    """A robot that is moved by hand, or swings, has a command that follows it."""
+    q, commands = make_exact_log(arm, 3, GAIN)
+    names = [f"{kind}{joint}" for kind in ("position", "goal_position", "load") for joint in range(1, 7)]
+    rows = np.column_stack([np.arange(len(q)) / RATE, q, q + ahead * (commands - q), np.zeros_like(q)])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        proposal = dy.inspect(path, arm).inspection.proposal
+    if not ahead:
+        (question,) = proposal.questions
+        assert (question.field, question.check) == ("effort_kind", "constant_torque")
+        return
+    (silent,) = (guess for guess in proposal.guesses if guess.field == "columns/tau")
+    assert [remedy.field for remedy in silent.remedies] == ["columns", "effort_kind", "accept"]
+    assert silent.remedies[0].value == {f"tau{joint}": f"load{joint}" for joint in range(1, 7)}
 
 
 RANGES = np.array([2400, 2360, 2200, 2340, 4095, 1463])

@@ -182,6 +182,18 @@ def test_rows_of_a_thousand_numbers_are_signals(separate, tmp_path):
     assert [one["value"] for one in turned["guesses"]][:6] == [one["value"] for one in plain["guesses"]][:6]
 
 
+def test_many_long_rows_without_names_are_moments(tmp_path):
+    """A logger writes what it has, such as an image beside the joints: a thousand columns and more."""
+    rng = np.random.default_rng(1)
+    for shape in ((100, 1010), (1200, 1100)):
+        path = tmp_path / "log.csv"
+        np.savetxt(path, np.column_stack([np.arange(shape[0]) * 0.01, rng.normal(size=shape)]), "%.4g", delimiter=",")
+        assert len(inspect_file(path, None).columns) == shape[1] + 1
+    # Few rows of unequal lengths are no matrix either.
+    path.write_text("\n".join(",".join(map(str, range(n))) for n in (1100, 1100, 1099)))
+    assert len(inspect_file(path, None).columns) >= 1099
+
+
 def test_a_folder_may_have_the_name_of_a_known_arm(tmp_path, monkeypatch):
     path = write_run(tmp_path / "run1.csv", 1)
     (tmp_path / "scara").mkdir()

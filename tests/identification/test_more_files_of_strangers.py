@@ -23,8 +23,10 @@ from support.oracles import crooked_urdf, fourier_motion, pinocchio_torque
 from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
 from dynident.identification.column_inference.column_names import list_spellings_by_joint, read_names
+from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
+from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import describe_waves
 from dynident.identification.column_inference.unit_inference import compute_reach, guess_torque_unit
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
@@ -101,6 +103,45 @@ def test_rows_that_a_network_delivers_in_bursts_are_asked_for_their_rate(seed: i
     (question,) = guess(given.robot, given.columns() | {"t": arrived}).questions
     assert (question.field, "at a time by t" in question.detail) == ("columns/t", True)
     assert question.remedies[0].value == pytest.approx(100.0, rel=0.02)
+    as_it_is = question.remedies[1]
+    assert (as_it_is.field, as_it_is.value) == ("columns", {"t": "t"})
+    table = given.columns() | {"t": arrived}
+    sample = Sample(tuple(table), np.column_stack(list(table.values())), {}, stated={"t": "t"})
+    assert "at a time by t" not in str(propose(sample, given.robot).questions)
+
+
+@pytest.mark.parametrize(
+    ("seed", "rate", "run", "pause"), [(1, 20.0, 9.0, 21.0), (2, 50.0, 4.0, 8.0), (3, 50.0, 3.0, 9.0)]
+)
+@pytest.mark.parametrize("rests", [False, True])
+def test_pauses_between_runs_are_no_bursts(seed: int, rate: float, run: float, pause: float, rests: bool) -> None:
+    """A run is recorded now and then; the robot goes on unseen, or stands from the end of a run to the next."""
+    given = log("ur10", seed, rate=rate, duration=10.0 * (run + pause))
+    kept = given.t % (run + pause) < run
+    columns = {name: values[kept] for name, values in given.columns().items()}
+    if rests:
+        phase = (
+            given.t[kept] // (run + pause) + 0.5 - 0.5 * np.cos(np.pi * (given.t[kept] % (run + pause)) / run)
+        ) * run
+        columns |= {f"q{k + 1}": np.interp(phase, given.t, q) for k, q in enumerate(given.q.T)}
+    assert "at a time" not in str([asked.detail for asked in guess(given.robot, columns).questions])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("factor", [1.2, 1.6])
+def test_masses_tell_a_wrong_clock_from_scaled_velocities(seed: int, factor: float, tmp_path: Path) -> None:
+    given = log("ur10", seed, rate=100.0)
+    speed = np.gradient(given.q, given.t, axis=0)
+    found = []
+    for of_time, of_speed in ((factor, 1.0), (1.0, factor)):
+        columns = given.columns() | {f"dq{k + 1}": of_speed * dq for k, dq in enumerate(speed.T)}
+        columns["t"] = of_time * given.t
+        inspected = inspect_file(write(tmp_path / "run.parquet", columns), given.robot).proposal
+        assert inspected is not None
+        checks = read(given.robot, tmp_path, columns, cures=5).checks
+        names = {check.name for check in checks}, {guess.field.removeprefix("rows/") for guess in inspected.guesses}
+        found.append(["clock_rate" in own for own in names])
+    assert found == [[True, True], [False, False]]
 
 
 @pytest.mark.parametrize("seed", [1, 2])

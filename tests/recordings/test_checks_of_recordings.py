@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 from support.recording_data import JOINTS, motion, write_parquet
 
 from dynident.errors import Remedy
@@ -237,6 +238,30 @@ def test_velocities_of_all_joints_that_are_off_alike_tell_of_a_wrong_clock(tmp_p
     assert (check.status, check.remedies[0].value) == ("warning", pytest.approx(rate, rel=1e-3))
     # Those of single joints have other causes, and a filter takes a little of all.
     columns |= {"t": columns["t"] / 0.8, "dq1": 0.8 * columns["dq1"]}
+    assert "clock_rate" not in {check.name for check in given(tmp_path, columns)[1]}
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.6])
+def test_a_clock_that_is_far_off_is_no_unit_of_velocities(tmp_path, factor):
+    columns = motion()
+    columns |= {f"dq{joint + 1}": columns["dq_true"][:, joint] for joint in range(3)}
+    columns["t"] = factor * columns["t"]
+    names = {check.name: check.status for check in given(tmp_path, columns)[1]}
+    assert (names["clock_rate"], "velocity_unit" in names) == ("warning", False)
+
+
+@pytest.mark.parametrize(("rate", "cutoff"), [(10.0, None), (200.0, 2.5), (200.0, 2.0)])
+def test_velocities_of_one_frequency_are_no_wrong_clock(tmp_path, rate, cutoff):
+    """Neither few rows of a period, nor a first-order filter: both take the same of every joint."""
+    t = np.arange(0.0, 30.0, 1.0 / rate)
+    phases = 2.0 * np.pi * t[:, None] + np.array([0.0, 1.0, 2.0])
+    q, dq = np.sin(phases), 2.0 * np.pi * np.cos(phases)
+    tau = dq - 20.0 * q
+    if cutoff is not None:
+        dq = sosfilt(butter(1, cutoff, fs=rate, output="sos"), dq, axis=0)
+    columns = {"t": t}
+    for joint in range(3):
+        columns |= {f"q{joint + 1}": q[:, joint], f"dq{joint + 1}": dq[:, joint], f"tau{joint + 1}": tau[:, joint]}
     assert "clock_rate" not in {check.name for check in given(tmp_path, columns)[1]}
 
 

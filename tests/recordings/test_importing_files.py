@@ -340,10 +340,13 @@ def test_bursts_of_any_length_that_a_network_delayed_have_the_rate_of_the_rows(s
     burst = np.searchsorted(last, np.arange(last[-1] + 1))
     begins = np.concatenate([[0], last[:-1] + 1])
     arrived = sent[last[burst]] + 3e-4 * (np.arange(len(sent)) - begins[burst]) + rng.exponential(1e-3, 300)[burst]
-    assert find_bursts(last, arrived[last])[1] == pytest.approx(125.0, rel=0.01)
+    assert find_bursts(last, arrived[last], 3e-4)[1] == pytest.approx(125.0, rel=0.01)
     # Of rows that were lost the gaps say nothing of what lies between.
     lost = sent[last] + np.cumsum(rng.exponential(0.1, 300))
-    assert find_bursts(last, lost) == (0, 0.0)
+    assert find_bursts(last, lost, 8e-3) == (0, 0.0)
+    # Gaps that are short against the runs before them make the time grow with the rows all the same.
+    ends = np.cumsum(rng.integers(60, 140, 100))
+    assert find_bursts(ends, ends / 125.0 + 0.08 * np.arange(100), 8e-3) == (0, 0.0)
 
 
 def test_rows_that_repeat_the_one_before_are_left_out_with_a_warning(tmp_path):

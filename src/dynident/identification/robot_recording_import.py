@@ -14,6 +14,8 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.identification.recording_faults import build_dynamics_checks
+from dynident.identification.recording_faults.description_fit import measure_left_by_description
+from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import (
     Check,
@@ -29,6 +31,7 @@ from dynident.recordings.recording import ModelChecks
 from dynident.robot import Robot, coupling_matrix
 from dynident.robot.contacts import compute_contact_projection
 from dynident.robot.forward_kinematics import project_wrench
+from dynident.robot.pseudo_inertia import find_description_units
 
 
 def build_recorded_joints(robot: Robot) -> RecordedJoints:
@@ -97,7 +100,7 @@ def import_for_robot(
     RecordingError
         For a file that cannot be used, as `import_recording` says.
     """
-    return import_recording(
+    recording, checks = import_recording(
         source,
         destination,
         build_recorded_joints(robot),
@@ -105,6 +108,48 @@ def import_for_robot(
         against=build_dynamics_checks(robot) if robot.base == "fixed" else build_support_check(robot),
         progress=progress,
     )
+    return recording, refute_clocks(robot, recording, checks)
+
+
+def refute_clocks(robot: Robot, recording: Recording, checks: Sequence[Check]) -> tuple[Check, ...]:
+    """Return checks without a wrong clock where the masses of the description fit the time as it is better.
+
+    Velocities that are scaled alike look like it: inertia goes with the square of the rate, gravity does not.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    recording : Recording
+        The recording.
+    checks : sequence of Check
+        Its checks.
+    """
+    if robot.base != "fixed" or not any(check.name == "clock_rate" for check in checks):
+        return tuple(checks)
+    units, motion = find_description_units(robot), filter_motion(recording)
+    machine = robot if units is None else units.to_si(robot)
+    left = None if motion is None else measure_left_by_description(machine, motion)
+    if motion is None or left is None:
+        return tuple(checks)
+
+    def judge(check: Check) -> Check:
+        if check.name != "clock_rate":
+            return check
+        (remedy,) = check.remedies
+        assert isinstance(remedy.value, float)
+        factor = remedy.value * recording.period
+        faster = replace(motion, dq=factor * motion.dq, ddq=factor**2 * motion.ddq)
+        left_by_faster = measure_left_by_description(machine, faster)
+        if left_by_faster is None or left_by_faster <= left:
+            return check
+        detail = (
+            f"The velocities of all joints are {factor:.3g} times the derivatives of the positions, and the torques "
+            "agree with the time as it is: these velocities are not used."
+        )
+        return Check("velocity_unit", "warning", detail)
+
+    return tuple(map(judge, checks))
 
 
 _LEAST_FALL = 0.3

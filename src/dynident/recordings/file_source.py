@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.errors import Remedy
 from dynident.recordings.arrow_tables import parse_numbers, to_floats
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_size_limits import TITLE, check_columns
@@ -285,7 +286,7 @@ UNEVEN_ROWS, UNEVEN_TIMES = 0.25, 0.5
 """Shares of the usual one by which the rows of a burst, and the time from one to the next, may differ."""
 
 
-def find_bursts(last_rows: IntArray, times: FloatArray) -> tuple[int, float]:
+def find_bursts(last_rows: IntArray, times: FloatArray, step: float) -> tuple[int, float]:
     """Return how many rows come at a time where a buffer is read now and then, and the rate that they were sampled at.
 
     Parameters
@@ -294,12 +295,14 @@ def find_bursts(last_rows: IntArray, times: FloatArray) -> tuple[int, float]:
         The last rows before gaps.
     times : (k,)
         Their times.
+    step : float
+        The usual time from row to row.
 
     Returns
     -------
     tuple of int and float
         Rows of a burst, and rows per unit of time of whole bursts; 0 where gaps are irregular, as those of lost rows.
-        Bursts may have different lengths, where the time from one to the next grows with the rows between.
+        Bursts may have different lengths, where each gap is as much longer as the burst behind it has more rows.
     """
     if len(last_rows) <= FEWEST_BURSTS:
         return 0, 0.0
@@ -307,8 +310,30 @@ def find_bursts(last_rows: IntArray, times: FloatArray) -> tuple[int, float]:
     burst, span = float(np.median(rows)), float(np.median(spans))
     is_even = np.ptp(rows) <= UNEVEN_ROWS * burst and np.abs(spans - span).max() <= UNEVEN_TIMES * span
     rate = float((last_rows[-1] - last_rows[0]) / (times[-1] - times[0]))
-    # What a network delays comes in bursts of any length; lost rows leave gaps that the rows before know nothing of.
-    is_delayed = np.quantile(np.abs(spans - rows / rate), 0.9) <= UNEVEN_ROWS * span and np.ptp(rows) > 1
+    # A burst that a network delayed waited for as long as its rows took, so its gap is compared: the whole span grows
+    # with the rows of any recording whose gaps are short.
+    gap = float(np.median(spans - (rows - 1) * step))
+    is_delayed = np.quantile(np.abs(spans - rows / rate), 0.9) <= UNEVEN_ROWS * gap and np.ptp(rows) > 1
     if burst > LONGEST_BURST or not (is_even or is_delayed):
         return 0, 0.0
     return round(burst), rate
+
+
+def describe_bursts(name: str, burst: int, rate: float) -> tuple[str, Remedy]:
+    """Say of which kind rows are that come several at a time, and state their rate.
+
+    Parameters
+    ----------
+    name : str
+        Name of the time.
+    burst : int
+        Rows of a burst.
+    rate : float
+        Rows in a second.
+    """
+    remedy = Remedy("rate", float(f"{rate:.4g}"))
+    detail = (
+        f"The rows come {burst} at a time by {name}, as where a network delays them or a buffer is read: it then says "
+        f"when they arrived, not when they were measured. If they were sampled evenly, state their rate: {remedy}."
+    )
+    return detail, remedy

@@ -13,7 +13,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.number_format import format_percent
-from dynident.recordings.file_source import RawRows, find_bursts
+from dynident.recordings.file_source import RawRows, describe_bursts, find_bursts
 from dynident.recordings.recording_metadata import Check, RecordingError, Revision
 from dynident.recordings.units import format_time
 
@@ -457,23 +457,20 @@ def _check_gaps(base: TimeBase, column: str, are_pauses: bool) -> Check:
     first = base.gaps[0]
     # Long pauses alone do no harm. Too little is left only where the filters' edges take most of what lies between.
     if base.missing > MOST_MISSING and EDGES * base.n_gaps > MOST_AT_EDGES * base.n_rows * base.period:
-        burst, rate = find_bursts(np.array([gap.row for gap in base.gaps]), np.array([gap.start for gap in base.gaps]))
-        remedies = (Remedy("rate", float(f"{rate:.4g}")),) if burst else ()
-        more = "".join(
-            f" The rows come {burst} at a time, as where a receiver's buffer is read: if they were sampled evenly, "
-            f"state their rate, on average {remedy}."
-            for remedy in remedies
-        )
+        ends, times = np.array([gap.row for gap in base.gaps]), np.array([gap.start for gap in base.gaps])
+        burst, rate = find_bursts(ends, times, base.typical)
+        words = [describe_bursts(column, burst, rate)] if burst else []
+        advice = f"{words[0][0]} Or record" if words else "Record"
         return Check(
             "gaps",
             "error",
             f"Gaps take {format_percent(base.missing, 2)} of the time (gaps: {base.n_gaps}); the first is "
             f"{first.length:.4g} s long, after t = {format_time(first.start)} s (row {first.row}). Too few samples are "
-            f"left.{more} {'Or r' if more else 'R'}ecord without dropping samples, or choose windows without gaps.",
+            f"left. {advice} without dropping samples, or choose windows without gaps.",
             column,
             first.row,
             first.start,
-            remedies=remedies,
+            remedies=tuple(remedy for _, remedy in words),
         )
     more = f" and {base.n_gaps - 1} more (the next at {format_time(base.gaps[1].start)} s)" if base.n_gaps > 1 else ""
     start = f"t = {format_time(first.start)} s (row {first.row})"

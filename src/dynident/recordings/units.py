@@ -222,21 +222,27 @@ def explain_velocity_ratio(velocity: str, position: str, ratio: float) -> tuple[
 
 _SLOWEST, _FASTEST = 0.7, 1.4
 """Ratios of a velocity to the derivative of the position, within which filters and resolution may bring it."""
-_SAME, _OFF, _DOUBLE = 0.01, 0.05, 2.0
+_SAME, _OFF, _DOUBLE, _DELAYED = 0.01, 0.05, 2.0, 0.1
 """Share by which the ratios of joints differ at most where a clock is wrong, by which it has to be, and a ratio beyond
-which another unit of the velocities is as likely."""
+which another unit of the velocities is as likely; and how much the correlation may miss of 1, as a share of what the
+ratio misses: a wrong clock leaves it as it is, and noise takes a little."""
 
 
-def find_common_ratio(ratios: Sequence[float]) -> float:
+def find_common_ratio(ratios: Sequence[float], likeness: float) -> float:
     """Return by how much the velocities of all joints alike exceed the derivatives; 0 where they do not.
 
-    A filter or a coarse resolution takes other shares of the velocity of each joint, a wrong clock of all the same.
+    A filter or a coarse resolution takes other shares of the velocity of each joint, unless all move at one frequency.
+    It then delays the velocity, too: what a first-order filter leaves of the size is the correlation.
 
     Parameters
     ----------
     ratios : sequence of float
         Velocity over derivative, by joint.
+    likeness : float
+        The smallest correlation of a velocity with the derivative.
     """
     if len(ratios) < 2 or max(ratios) - min(ratios) > _SAME * max(ratios):
         return 0.0
-    return max(ratios) if abs(max(ratios) - 1.0) > _OFF and 1.0 / _DOUBLE < max(ratios) < _DOUBLE else 0.0
+    common = max(ratios)
+    is_off = abs(common - 1.0) > _OFF and 1.0 / _DOUBLE < common < _DOUBLE
+    return common if is_off and 1.0 - likeness < _DELAYED * abs(common - 1.0) else 0.0

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynident.array_types import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.identification.column_inference.metadata_proposal import Question, UnitGuess
-from dynident.recordings.file_source import find_bursts
+from dynident.recordings.file_source import describe_bursts, find_bursts
 from dynident.recordings.sampling_clock import GAP_PERIODS
 from dynident.recordings.time_columns import find_unfilled
 from dynident.recordings.units import FACTORS
@@ -449,26 +449,46 @@ _MOST_BETWEEN = 0.6
 """Share of the time that lies between bursts of rows, from which on a clock does not say when they were measured."""
 
 
-def ask_for_rate_of_bursts(name: str, t: FloatArray, unit: str) -> Question | None:
+_ALIKE = 2.0
+"""Times the change from row to row that signals change by across a gap where only the time has it: a gap of the
+recording is of at least `GAP_PERIODS`, and where the robot stands in it, it slows down before."""
+
+
+def ask_for_rate_of_bursts(name: str, values: FloatArray, clock: Clock) -> Question | None:
     """Ask for the rate of rows that come several at a time, with most of the time between; None of other clocks.
+
+    Gaps of the time alone are asked about: where the signals have them, too, there is none to correct.
 
     Parameters
     ----------
     name : str
         Name of the clock.
-    t : (rows,)
-        Its values.
-    unit : str
-        Their unit.
+    values : (m, columns)
+        Values of all columns.
+    clock : Clock
+        The clock.
     """
+    t = values[:, clock.column]
     steps = np.diff(t)
-    ends = np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
-    burst, rate = find_bursts(ends, t[ends])
+    step = float(np.median(steps))
+    ends = np.flatnonzero(steps > GAP_PERIODS * step)
+    burst, rate = find_bursts(ends, t[ends], step)
     if not burst or steps[ends].sum() < _MOST_BETWEEN * (t[-1] - t[0]):
         return None
-    remedy = Remedy("rate", float(f"{rate / CLOCK_FACTORS.get(unit, 1.0):.4g}"))
-    detail = (
-        f"The rows come about {burst} at a time by {name}, as where a network delays them or a buffer is read: it says "
-        f"when they arrived, not when they were measured. If they were sampled evenly, state their rate: {remedy}."
-    )
-    return Question("columns/t", detail, remedies=(remedy,))
+    signals = np.setdiff1d(np.flatnonzero(find_changing_columns(values)), find_clock_columns(values))
+    if not _are_continuous(fill_gaps(values[:, signals]), ends):
+        return None
+    detail, rate_remedy = describe_bursts(name, burst, rate / CLOCK_FACTORS.get(clock.unit, 1.0))
+    as_it_is = Remedy("columns", {"t": name})
+    detail += f" If {name} is right, take it as it is: {as_it_is}."
+    return Question("columns/t", detail, remedies=(rate_remedy, as_it_is))
+
+
+def _are_continuous(signals: FloatArray, ends: IntArray) -> bool:
+    """Return whether smooth signals change behind these rows about as much as from any row to the next."""
+    changes = np.abs(np.diff(signals, axis=0))
+    usual = np.median(changes, axis=0)
+    # Noise changes by the same wherever it is looked at; of a smooth signal the next change is nearly the last one.
+    smooth = (usual > 0.0) & (np.median(np.abs(np.diff(signals, 2, axis=0)), axis=0) < usual)
+    ratios = np.median(changes[ends], axis=0)[smooth] / usual[smooth]
+    return bool(len(ratios) and 1.0 / _ALIKE < np.median(ratios) < _ALIKE)

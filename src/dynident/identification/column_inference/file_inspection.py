@@ -16,7 +16,7 @@ from dynident.array_types import FloatArray
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Guess, Proposal, Question
-from dynident.identification.robot_recording_import import build_recorded_joints
+from dynident.identification.robot_recording_import import build_recorded_joints, refute_clocks
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.file_names_and_digests import compute_digest
@@ -119,8 +119,8 @@ def inspect_file(
 
 
 def _find_stated_signals(columns: Mapping[str, str], sample: Sample, robot: Robot) -> dict[str, str]:
-    """Return our name of every column of signals that are stated for all joints, by the file's name."""
-    ours: dict[str, str] = {}
+    """Return our name of the time, and of signals that are stated for all joints, by the file's name."""
+    ours = {columns["t"]: "t"} if columns.get("t") in sample.names else dict[str, str]()
     for signal in ("q", "dq", "tau", "current"):
         keys = [(f"{signal}{joint + 1}", f"{signal}_{name}") for joint, name in enumerate(robot.joint_names)]
         stated = [columns.get(number, columns.get(name, "")) for number, name in keys]
@@ -142,13 +142,14 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot, stated: Map
         # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.
         pq.write_table(pa.table([from_numbers(column) for column in sample.values.T], names=list(sample.names)), rows)
         try:
-            _, checks = import_recording(
+            recording, checks = import_recording(
                 rows,
                 Path(folder) / "read.parquet",
                 build_recorded_joints(robot),
                 metadata=metadata,
                 against=_report_checked,
             )
+            checks = refute_clocks(robot, recording, checks)
         except RecordingError as error:
             refused = [check for check in error.checks if check.status == "error"]
             questions = [Question.from_check("columns", check) for check in refused]

@@ -41,6 +41,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     find_columns_of_other_joints,
     name_further_efforts,
     read_effort_kind,
+    report_silent_torques,
 )
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
@@ -266,6 +267,9 @@ class _ColumnInference(WorkingProposal):
             slide = all(joint.kind == "prismatic" for joint in self.robot.joints)
             candidates = commands or find_forces(groups, slide=slide) or self._find_torque_of_most_joints(position)
             candidates = candidates or self.find_command(groups, position)
+        if commands:
+            columns = [self.sample.names[column] for column in silent[0].columns]
+            self.guesses.append(report_silent_torques(self.name_columns(silent[0]), columns))
         if not candidates:
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
@@ -396,7 +400,7 @@ class _ColumnInference(WorkingProposal):
                 self.questions.append(Question("columns/q", f"{detail} Then say {remedy}.", remedies=(remedy,)))
             else:
                 are_slopes = (own[moving] > SLOPE).all()
-                if are_slopes and find_common_ratio((1.0 / ratio[moving]).tolist()):
+                if are_slopes and find_common_ratio((1.0 / ratio[moving]).tolist(), own[moving].min()):
                     self.assign_columns("dq", group)  # the check of the clock tells of it
                     return
                 why = "its unit is not known" if are_slopes else "it is not the derivative of these positions"

@@ -225,3 +225,23 @@ def read_effort_kind(signal: str | None, named: ColumnName, rank: int) -> Effort
     if named.compensated:
         return "gravity_compensated"
     return "commanded" if rank >= 4 else "unknown"
+
+
+def report_silent_torques(name: str, columns: Sequence[str]) -> Guess:
+    """Say that torques of 0 are set aside for commands, and how to keep them: the motors may have been off.
+
+    Parameters
+    ----------
+    name : str
+        What the user calls the columns together.
+    columns : sequence of str
+        The column of every joint.
+    """
+    remedies = (
+        Remedy("columns", {f"tau{joint + 1}": column for joint, column in enumerate(columns)}),
+        Remedy("effort_kind", "joint_torque"),
+        Remedy("accept", ("constant_torque",)),
+    )
+    instead = ", ".join(map(str, remedies))
+    reason = f"set aside, they are 0 in every row; if the robot swung with its motors off, say {instead}"
+    return Guess("columns/tau", name, 0.5, reason, remedies)

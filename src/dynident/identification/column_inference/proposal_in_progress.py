@@ -23,8 +23,9 @@ from dynident.recordings.recording_metadata import EffortKind, RecordingError
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
 
-_FOLLOWED = 0.5
-"""Share of the variance of the positions, above which what commands are ahead of them shows that no joint follows."""
+_ECHOED, _FOLLOWED = 1e-12, 0.5
+"""Shares of the variance of the positions: what commands are ahead of them is less where they are written from the
+positions, as where a robot is moved by hand, and more where no joint follows."""
 
 
 @dataclass
@@ -165,11 +166,8 @@ class WorkingProposal:
             # An error here is about the time, which is asked about elsewhere.
             self.values[:, efforts] = fill_gaps(rows.values[:, efforts])
             return q, fits, []
-        put_right = [
-            Guess(f"rows/{check.name}", "corrected", 0.95, check.detail, check.remedies)
-            for check in checks
-            if check.status != "ok"
-        ]
+        faults = [check for check in checks if check.status != "ok"]
+        put_right = [Guess(f"rows/{c.name}", "corrected", 0.95, c.detail, c.remedies) for c in faults]
         # Rows in which the drives are off, or samples are missing for long, must not be filled: they hold no torque.
         used = np.asarray(np.isfinite(np.hstack([right, measured])).all(axis=1))
         if not used.any():
@@ -347,14 +345,15 @@ class WorkingProposal:
         list of ColumnGroup
             One group; none where there are no such commands.
         """
-        for group in groups if position is not None else ():
-            assert position is not None
+        if position is None:
+            return []
+        for group in groups:
             if group.signal != "q" or group.rank < 4 or group is position or group.unit != position.unit:
                 continue
             commands, positions = list(group.columns), list(position.columns)
             ahead = self.values[:, commands] - self.values[:, positions]
             spread = np.maximum(self.values[:, positions].var(axis=0), np.finfo(float).tiny)
-            if not (self.values[:, commands].any() and np.median(ahead.var(axis=0) / spread) <= _FOLLOWED):
+            if not _ECHOED < np.median(ahead.var(axis=0) / spread) <= _FOLLOWED:
                 continue
             self.values, raw = np.array(self.values), np.array(self.sample.values)
             self.values[:, commands] = ahead

@@ -123,14 +123,14 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         detail = f"{missing} give the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
         work.add_question("columns/t", detail, names)
         return None
-    if bursts := ask_for_rate_of_bursts(names[choice.column], values[:, choice.column], choice.unit):
+    name = names[choice.column]
+    if name not in work.sample.stated and (bursts := ask_for_rate_of_bursts(name, values, choice)):
         work.questions.append(bursts)
         return None
     sure = choice.sure and bool(by_name or even)
     # A counter of rows gives an order but no rate.
     if not by_name and is_counter(values, choice.column):
         sure = False
-    name = names[choice.column]
     work.columns["t"] = name
     if choice.unit != "s":
         work.units["t"] = choice.unit
@@ -142,12 +142,9 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         f"{reason}{choice.reason}; jitter {format_percent(choice.jitter, decimals=1)}",
     )
     if not sure:
-        counts = (
-            " It counts rows: if these are no times, give the rate of the rows in Hz (rate)."
-            if is_counter(values, choice.column)
-            else ""
-        )
-        detail = f"Is {name} the time, in {choice.unit}? {choice.reason}.{counts}"
+        detail = f"Is {name} the time, in {choice.unit}? {choice.reason}."
+        if is_counter(values, choice.column):
+            detail += " It counts rows: if these are no times, give the rate of the rows in Hz (rate)."
         work.add_question("units/t", detail, ("s", "ms", "us", "ns"))
     return choice
 
@@ -187,37 +184,38 @@ def _ask_for_rate(work: WorkingProposal) -> Question | None:
             continue
         ticks = np.flatnonzero(steps > 0) + 1
         if len(ticks) < _FEWEST_TICKS:
-            remedy = Remedy("rate")
-            detail = (
+            return _ask_for_rate_of_even_rows(
                 f"{name.name} is the same in nearly all rows: it has too few digits, as seconds since 1970 have with "
-                f"32 bits. If the rows are evenly spaced, state their rate: {remedy}."
+                "32 bits."
             )
-            return Question("columns/t", detail, remedies=(remedy,))
-        unit = name.unit or "s"
+        unit, middle = name.unit or "s", float(np.median(steps))
+        factor = CLOCK_FACTORS.get(unit, 1.0)
         if len(ticks) > _MOST_TICKED * len(t):
             short, long = np.quantile(steps, [0.1, 0.9])
             others = np.delete(work.sample.values, column, axis=1)
             repeated = float(np.mean((others[1:] == others[:-1]).all(axis=1)))
             twice = f", and {format_percent(repeated, decimals=0)} of the rows repeat the row before: leave these out"
-            ends = np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
-            rate = (find_bursts(ends, t[ends])[1] or 1.0 / steps.mean()) / CLOCK_FACTORS.get(unit, 1.0)
-            remedy = Remedy("rate", float(f"{rate:.4g}"))
-            detail = (
+            ends = np.flatnonzero(steps > GAP_PERIODS * middle)
+            return _ask_for_rate_of_even_rows(
                 f"{name.name} goes forward by {short:.3g} to {long:.3g} {unit} from row to row, too unevenly for a "
-                f"clock{twice if repeated > _MANY_REPEATED else ''}. If the rows are evenly spaced, state their rate: "
-                f"{remedy}."
+                f"clock{twice if repeated > _MANY_REPEATED else ''}.",
+                (find_bursts(ends, t[ends], middle)[1] or 1.0 / steps.mean()) / factor,
             )
-            return Question("columns/t", detail, remedies=(remedy,))
         # Between the first and the last change every row is counted once.
-        rate = (ticks[-1] - ticks[0]) / ((t[ticks[-1]] - t[ticks[0]]) * CLOCK_FACTORS.get(unit, 1.0))
-        remedy = Remedy("rate", float(f"{rate:.4g}"))
-        detail = (
+        rate = (ticks[-1] - ticks[0]) / ((t[ticks[-1]] - t[ticks[0]]) * factor)
+        return _ask_for_rate_of_even_rows(
             f"{name.name} stays the same for {(ticks[-1] - ticks[0]) / (len(ticks) - 1):.2g} rows at a time: it is too "
             f"coarse to say when each row was recorded. On average these are {rate:.4g} rows a second (with "
-            f"{name.name} in {unit}). If the rows are evenly spaced, state their rate: {remedy}."
+            f"{name.name} in {unit}).",
+            rate,
         )
-        return Question("columns/t", detail, remedies=(remedy,))
     return None
+
+
+def _ask_for_rate_of_even_rows(why: str, rate: float | None = None) -> Question:
+    remedy = Remedy("rate") if rate is None else Remedy("rate", float(f"{rate:.4g}"))
+    why += f" If the rows are evenly spaced, state their rate: {remedy}."
+    return Question("columns/t", why, remedies=(remedy,))
 
 
 _FEWEST_TICKS, _MOST_TICKED = 4, 0.9

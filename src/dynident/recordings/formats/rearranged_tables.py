@@ -66,7 +66,7 @@ def rearrange_table(content: TextContent) -> tuple[TextContent, tuple[str, ...]]
 def _find_rearrangement(lines: list[str], content: TextContent, is_cut: bool) -> tuple[Rearrange | None, str]:
     if len(lines) > 1 and _ANNOTATION.match(lines[0]):
         return _read_annotated, "The file is an answer of InfluxDB: the lines that describe its tables are left out."
-    if (delimiter := _find_signal_rows(lines, is_cut)) is not None:
+    if (delimiter := _find_signal_rows(lines, content, is_cut)) is not None:
         return partial(_transpose, delimiter=delimiter), "The file has a row for each signal: the table is transposed."
     whole = lines[:-1] if is_cut else lines
     if (delimiter := _find_value_rows(whole)) is not None:
@@ -211,21 +211,21 @@ def _read_value_rows(lines: Iterator[str], delimiter: str) -> Iterator[str]:
 _WIDEST = 64
 """Signals of a table that lies on its side: it has a line for each, and many more numbers in every line."""
 _UNNAMED = 1000
-"""Numbers in a row without a name from which on they are moments: no robot has so many signals."""
+"""Numbers in each of few rows without names from which on they are moments: no robot has so many signals."""
 
 
-def _find_signal_rows(lines: list[str], is_cut: bool) -> str | None:
+def _find_signal_rows(lines: list[str], content: TextContent, is_cut: bool) -> str | None:
     """Return what separates the numbers of lines that each hold a signal, or None.
 
-    Each line begins with a name, the first one with that of the time; or there are more numbers than any robot has
-    signals. The first bytes of such a file may hold few lines, and the last one in part.
+    Each line begins with a name, the first one with that of the time; or the whole file has no names, and few lines of
+    many numbers each. The first bytes of such a file may hold few lines, and the last one in part.
     """
     if not lines or (is_cut and len(lines) > _WIDEST):
         return None
     for delimiter in ",;\t|":
         first = _read_cells(lines[0], delimiter)
         numbers = first[1 : -1 if is_cut and len(lines) == 1 else None]
-        if len(numbers) >= _UNNAMED and _is_number(first[0]) and all(map(_is_number, numbers)):
+        if len(numbers) >= _UNNAMED and _is_number(first[0]) and _has_few_long_rows(content, delimiter):
             return delimiter
         if len(numbers) <= max(2 * _FEWEST_ROWS, 2 * len(lines)) or not all(map(_is_number, numbers)):
             continue
@@ -235,6 +235,23 @@ def _find_signal_rows(lines: list[str], is_cut: bool) -> str | None:
         if is_rising and is_time_name(first[0]) and are_named:
             return delimiter
     return None
+
+
+def _has_few_long_rows(content: TextContent, delimiter: str) -> bool:
+    """Return whether a whole file has few lines, all of equally many numbers: a camera's rows are long, too, but many.
+
+    Only the whole file tells: of long lines the first bytes hold few in any case.
+    """
+    encoding = decode_text(content.read_start(_LOOKED_AT))[1]
+    widths = set[int]()
+    with content.open() as file:
+        lines = (line for line in io.TextIOWrapper(file, encoding=encoding, errors="replace") if line.strip())
+        for number, line in enumerate(lines):
+            cells = _read_cells(line.lstrip("\ufeff"), delimiter)
+            widths.add(len(cells))
+            if number == _WIDEST or len(widths) > 1 or not all(map(_is_number, cells)):
+                return False
+    return True
 
 
 def _check_size(size: int, n_rows: int = 0) -> None:
