@@ -120,8 +120,8 @@ def test_stated_deviations_are_those_of_repeated_experiments(steps):
     ratio = np.mean(stated, axis=0) / np.std(draws, axis=0)
     assert 0.85 < np.median(ratio) < 1.3
     assert ratio.min() > 0.6
-    # With the correlation between steps: sums over all parameters, each of which counts alike, are as far from the truth
-    # as is stated. A covariance from a few blocks of time has no inverse.
+    # With the correlation between steps: sums over all parameters, each of which counts alike, are as far off as is
+    # stated. A covariance from a few blocks of time has no inverse.
     forms = signs / np.std(draws, axis=0)
     squares = np.mean((forms @ np.transpose(draws)) ** 2, axis=1)
     assert 0.6 < np.median(squares / np.einsum("fk,kl,fl->f", forms, np.mean(covariances, axis=0), forms)) < 1.2
