@@ -81,7 +81,7 @@ def run_checks(
     if wrong:
         first, remedy = wrong[0], Remedy("accept", (wrong[0].name,))
         raise RecordingError(
-            f"{first.detail} If the recording is right, say {remedy}.",
+            f"{first.detail} If the recording is right, state {remedy}.",
             pointer=first.column,
             title=first.name.replace("_", " ").capitalize(),
             row=first.row,

@@ -301,8 +301,8 @@ def _report_servo_law(commands: list[str]) -> Check:
         "torque_source",
         "warning",
         f"The torque was not recorded: it is drive gain x (command - position) of position servos, with the commands "
-        f"in {_shorten_names(commands)}. Viscous friction then includes the back-EMF of the motors, and drive inertia "
-        "what late commands and a D coefficient add. Drive gains that are wrong by one factor make all masses and all "
+        f"in {_shorten_names(commands)}. Viscous friction then includes the back-EMF of the motors; late commands "
+        "and a D coefficient are in the drive inertia. Drive gains that are wrong by one factor make all masses and all "
         "friction wrong by it, and no error shows it. Heat, and a supply voltage that drops, change the gain.",
     )
 
@@ -423,7 +423,7 @@ class _ColumnFinder:
         remedies = [Remedy("columns", {ours: "…"})]
         if kind == "t":
             remedies.append(Remedy("rate"))
-            hint = f" If the file has no time, say {remedies[-1]} in Hz."
+            hint = f" If the file has no time, state {remedies[-1]} in Hz."
         elif kind in ("q", "tau") and not any(name.startswith(kind) for name in self.names):
             hint = " If it is in another file, give both files as one recording, a.csv+b.csv."
         if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
@@ -433,7 +433,7 @@ class _ColumnFinder:
         if kind == "tau" and joint is not None and self.find("q_command", joint) is not None:
             remedies.append(Remedy("effort_kind", "position_command"))
             hint += (
-                f" If no torque was recorded and position servos follow the commands, say {remedies[-1]}, with drive "
+                f" If no torque was recorded and position servos follow the commands, state {remedies[-1]}, with drive "
                 "gains in N m/rad."
             )
         advice, further = (".", ()) if joint is None else self._advise_without_column(kind, joint)
@@ -455,7 +455,7 @@ class _ColumnFinder:
         if kind != "tau" or not any(others):
             return lock, (remedy,)
         mapping = Remedy("columns", {self.joints.name_columns("tau", joint)[-1]: NOT_RECORDED})
-        sentence = f"{lock} If its torque was not recorded, say {mapping}; the motion of the joint is still used."
+        sentence = f"{lock} If its torque was not recorded, state {mapping}; the motion of the joint is still used."
         return sentence, (remedy, mapping)
 
     def _find_source(self, ours: tuple[str, ...]) -> str | None:

@@ -291,13 +291,13 @@ def _check_position_unit(
             if unclear:
                 also += (
                     f" {', '.join(layout.q[k].source for k in unclear)} may be in {ours} or in {unit}: if all are in "
-                    f"{unit}, say {Remedy('units', {'q': unit})}. dynident inspect decides by the dynamics."
+                    f"{unit}, state {Remedy('units', {'q': unit})}. dynident inspect decides by the dynamics."
                 )
             return Check(
                 "position_unit",
                 "error",
                 f"{column} runs from {low:.4g} to {high:.4g} {ours} at up to {rate:.3g} {ours}/s (farthest in row "
-                f"{where[0]}, t = {format_time(where[1])} s); the values look like {unit}. Say {remedy}.{also}",
+                f"{where[0]}, t = {format_time(where[1])} s); the values look like {unit}. State {remedy}.{also}",
                 column,
                 *where,
                 None if counts or unclear else Revision(units=same_kind),
@@ -470,7 +470,7 @@ def _check_velocity(positions: _MeasuredPositions, layout: Layout) -> list[Check
         row = int(np.flatnonzero(inner)[np.abs(positions.dq[inner, joint]).argmax()])
         status, detail, units = mismatch
         remedies = (Remedy("units", units),) if units else ()
-        say = "".join(f". Say {remedy}" for remedy in remedies)
+        say = "".join(f". State {remedy}" for remedy in remedies)
         return [
             Check(
                 "velocity_unit",

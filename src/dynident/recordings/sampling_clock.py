@@ -410,7 +410,7 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
             "sampling_jitter",
             "error",
             f"The rows are {base.period:.4g} s of {column} apart, too far apart to show motion. If {column} is in "
-            f"{unit}, say {remedy}.",
+            f"{unit}, state {remedy}.",
             column,
             1,
             base.first,
@@ -490,7 +490,7 @@ def _check_repeated(base: TimeBase, column: str) -> Check:
     return Check(
         "repeated_time",
         "warning",
-        f"{base.n_repeated} rows repeat the row before, with the same time stamp and values (the first is row "
+        f"{base.n_repeated} rows repeat the previous row, with the same time stamp and values (the first is row "
         f"{base.first_repeated}); they are left out. The logger writes faster than the robot sends new values.",
         column,
         base.first_repeated,

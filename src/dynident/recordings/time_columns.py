@@ -362,7 +362,7 @@ class SummedTimeSource(FileSource):
         super().__init__([_TIME, *source.names], {**source.units, **({_TIME: unit} if unit else {})})
         self.sample_rows, self.texts = source.sample_rows, source.texts
         self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
-        self.own_remarks = (f"{increment} is the time since the row before: t is its sum.",)
+        self.own_remarks = (f"{increment} is the time since the previous row: t is its sum.",)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed = [self._increment if name == _TIME else name for name in columns]

@@ -284,7 +284,7 @@ def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
         first, other = twice
         detail = (
             f"{names[first]} and {names[other]} have the same numbers in every row, although their joints move "
-            "otherwise: one of them was written twice. Write the torque that was measured; if it was not recorded, say "
+            "otherwise: one was written in place of the other. Write the torque that was measured; if it was not recorded, state "
         )
         remedy = Remedy("columns", {_name_torque(layout, other): NOT_RECORDED})
         return [Check("repeated_torque", "error", f"{detail}{remedy}.", names[other], remedies=(remedy,))]
@@ -327,7 +327,7 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
         names = " and ".join(recording.joint_names[k] for k in constant)
         cure = Revision(columns={_name_torque(layout, int(k)): NOT_RECORDED for k in constant})
         remedies = (Remedy("columns", cure.columns),)
-        detail += f" To leave out the equation of {names} but use the motion, say {remedies[0]}."
+        detail += f" To leave out the equation of {names} but use the motion, state {remedies[0]}."
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure, remedies=remedies)
 
 

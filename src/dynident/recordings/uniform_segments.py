@@ -328,7 +328,7 @@ class Segmenter:
                 raise RecordingError(
                     f"Column {name} repeats {t[row]:.9g} s in row {rows.first_row + row + 1}, while "
                     f"{self._layout.columns[column].source} changes. Either the time stamps have too few digits "
-                    f"(write more digits, or say {remedy} if the rows are evenly spaced), or the file mixes two "
+                    f"(write more digits, or state {remedy} if the rows are evenly spaced), or the file mixes two "
                     "recordings (separate them).",
                     pointer=name,
                     title="Repeated time",

@@ -453,7 +453,7 @@ def check_against_dynamics(
             Question(
                 "columns/tau",
                 f"{never} never change while the joints move: where is the measured torque? If it was not recorded, "
-                f"say {remedy}, or lock the joint.",
+                f"state {remedy}, or lock the joint.",
                 remedies=(remedy,),
             )
         )

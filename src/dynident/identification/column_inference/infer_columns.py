@@ -397,7 +397,7 @@ class _ColumnInference(WorkingProposal):
                 both = self.name_columns(position), self.name_columns(group)
                 detail = f"{both[0]} are the derivative of {both[1]}: are positions and velocities exchanged?"
                 remedy = Remedy("columns", {f"q{j + 1}": self.sample.names[k] for j, k in enumerate(group.columns)})
-                self.questions.append(Question("columns/q", f"{detail} Then say {remedy}.", remedies=(remedy,)))
+                self.questions.append(Question("columns/q", f"{detail} Then state {remedy}.", remedies=(remedy,)))
             else:
                 are_slopes = (own[moving] > SLOPE).all()
                 if are_slopes and find_common_ratio((1.0 / ratio[moving]).tolist(), own[moving].min()):

@@ -243,5 +243,5 @@ def report_silent_torques(name: str, columns: Sequence[str]) -> Guess:
         Remedy("accept", ("constant_torque",)),
     )
     instead = ", ".join(map(str, remedies))
-    reason = f"set aside, they are 0 in every row; if the robot swung with its motors off, say {instead}"
+    reason = f"set aside, they are 0 in every row; if the robot swung with its motors off, state {instead}"
     return Guess("columns/tau", name, 0.5, reason, remedies)

@@ -344,7 +344,7 @@ def _match_description(guess: UnitGuess, scales: TorqueScales) -> UnitGuess:
     if not near and min(counts.values()) > 0 and sum(counts.values()) == np.count_nonzero(scales.trusted):
         # Some joints are in each of these; the check of scales names those in the rarer one.
         most = max(_MIXED, key=lambda unit: counts[unit])
-        return UnitGuess(most, 0.85, f"in {most} most joints' torques match the inertias of the description")
+        return UnitGuess(most, 0.85, f"in {most} the torques of most joints match the inertias of the description")
     if not near and guess.unit == "N m":
         return guess
     # An unusual unit has to be borne out by the masses.

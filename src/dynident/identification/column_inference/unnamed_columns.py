@@ -232,7 +232,7 @@ def find_forces(groups: Sequence[ColumnGroup], *, slide: bool) -> list[ColumnGro
     slide : bool
         Whether all joints of the robot slide.
     """
-    meaning = "which is the effort of joints that slide" if slide else "simulators call every effort a force"
+    meaning = "which is the effort of prismatic joints" if slide else "simulators call every effort a force"
     return [
         replace(group, signal="tau" if slide else "effort", reason=f"{group.reason}; {meaning}")
         for group in groups

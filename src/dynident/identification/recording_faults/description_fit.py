@@ -51,7 +51,7 @@ def report_description_units(units: DescriptionUnits) -> Check:
         DESCRIPTION_UNITS,
         "warning",
         f"The robot's description is not in SI units: its {units}. The torques are not the cause. Identification, "
-        "priors and exports take them so; other tools will not: write them in kg, m and kg m² in the description.",
+        "priors and exports convert them; other tools will not: write them in kg, m and kg m² in the description.",
     )
 
 

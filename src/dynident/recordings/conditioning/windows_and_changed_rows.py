@@ -192,7 +192,7 @@ class ChangedRows:
             The warning.
         """
         remedy = Remedy("skip", (name,))
-        return self.make_check(name, "warning", f"{detail}, say {remedy}.", sources, (remedy,))
+        return self.make_check(name, "warning", f"{detail}, state {remedy}.", sources, (remedy,))
 
     def describe(self, sources: Sequence[str]) -> str:
         """Return the columns with their rows in words: "q2 (3, in rows 17, 118 and 240), tau4 (…)"."""

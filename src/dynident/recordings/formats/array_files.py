@@ -195,7 +195,7 @@ class ArrayFileSource(FileSource):
         if runs:
             labelled = _chain_runs(runs)
             self.own_remarks = (
-                f"The file holds {len(runs)} runs with the same signals: they are read one behind another, each as a "
+                f"The file holds {len(runs)} runs with the same signals: they are read one after the other, each as a "
                 f"segment of its own{_describe_left_out(left_out, 'not every run has a value of in each row')}.",
             )
         else:

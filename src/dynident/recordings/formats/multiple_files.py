@@ -415,7 +415,7 @@ class ChainedFiles(FileSource):
         self.has_gaps = any(source.has_gaps for source in self._sources)
         self.own_remarks = (
             f"{', '.join(PurePosixPath(name).name for name, _ in files)} have the same columns: they are read as runs, "
-            "one behind another, each as a segment of its own.",
+            "one after the other, each as a segment of its own.",
         )
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
