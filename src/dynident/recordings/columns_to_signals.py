@@ -302,8 +302,8 @@ def _report_servo_law(commands: list[str]) -> Check:
         "warning",
         f"The torque was not recorded: it is drive gain x (command - position) of position servos, with the commands "
         f"in {_shorten_names(commands)}. Viscous friction then includes the back-EMF of the motors; late commands "
-        "and a D coefficient are in the drive inertia. Drive gains that are wrong by one factor make all masses and all "
-        "friction wrong by it, and no error shows it. Heat, and a supply voltage that drops, change the gain.",
+        "and a D coefficient are in the drive inertia. Drive gains that are wrong by one factor make all masses and "
+        "all friction wrong by it, and no error shows it. Heat, and a supply voltage that drops, change the gain.",
     )
 
 

@@ -284,7 +284,8 @@ def _find_impossible_torques(sample: RawSample, layout: Layout) -> list[Check]:
         first, other = twice
         detail = (
             f"{names[first]} and {names[other]} have the same numbers in every row, although their joints move "
-            "otherwise: one was written in place of the other. Write the torque that was measured; if it was not recorded, state "
+            "otherwise: one was written in place of the other. Write the torque that was measured; if it was not "
+            "recorded, state "
         )
         remedy = Remedy("columns", {_name_torque(layout, other): NOT_RECORDED})
         return [Check("repeated_torque", "error", f"{detail}{remedy}.", names[other], remedies=(remedy,))]
