@@ -12,7 +12,7 @@ from dynident.effects import LINKS
 from dynident.errors import DynidentError, join_notes
 from dynident.identification.estimators.feasible import find_nearest_feasible
 from dynident.identification.estimators.feasible_problem import find_resisting_speeds
-from dynident.identification.identified_models.identify_from_recordings import describe_slow_motion
+from dynident.identification.identified_models.fit_model import describe_slow_motion
 from dynident.identification.identified_models.remove_and_solve_again import list_impossible
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
 from dynident.identification.thresholds import (

@@ -36,10 +36,10 @@ from dynident.identification.equations.model_and_data_checks import (
 )
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.identification.identification_choices import IdentificationChoices
-from dynident.identification.identified_models.fit_model import identify_model
+from dynident.identification.identified_models.fit_model import FIRST_MOMENT, identify_model
 from dynident.identification.identified_models.gravity_from_poses import are_poses, identify_poses
 from dynident.identification.identified_models.held_out_gain import describe_temperatures
-from dynident.identification.identified_models.identification_result import Identification, IdentifiedParameter
+from dynident.identification.identified_models.identification_result import Identification
 from dynident.identification.shape_search import check_choices, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
 from dynident.parallel import defer, single_threaded
@@ -441,55 +441,10 @@ def complete_identification(
         narrowed = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
         return narrowed.with_changes(warnings=defer(lambda: (why, *narrowed.warnings)))
     warmth = describe_temperatures(ordinary, validation)
-    warnings = defer(
-        lambda: (*_warn_of_slow_motion(identified), *warmth, *identified.warnings, *_warn_of_masses(identified))
-    )
+    warnings = defer(lambda: (*warmth, *identified.warnings, *_warn_of_masses(identified)))
     return add_digests(identified.with_changes(warnings=warnings), recordings, validation)
 
 
-def _warn_of_slow_motion(identified: Identification) -> tuple[str, ...]:
-    slow = describe_slow_motion(identified.parameters)
-    if slow is None:
-        return ()
-    return (f"{slow} Use the model at such speeds only, and record a faster motion for the dynamics.",)
-
-
 def _warn_of_masses(identified: Identification) -> tuple[str, ...]:
-    shown = [one.unit == _FIRST_MOMENT and one.judgement == "determined" for one in identified.parameters]
+    shown = [one.unit == FIRST_MOMENT and one.judgement == "determined" for one in identified.parameters]
     return describe_other_masses(identified.model, identified.values, np.array(shown))
-
-
-LEAST_DETERMINED = 0.1
-"""Share of the moments of inertia below which a motion counts as too slow: sweeps at 0.04 to 0.1 rad/s determine none
-of an arm's 28, designed motions a third of them."""
-
-_INERTIA, _FIRST_MOMENT = "kg m²", "kg m"
-
-
-def describe_slow_motion(parameters: Sequence[IdentifiedParameter]) -> str | None:
-    """Describe a motion that determines first moments of the links, but hardly any moment of inertia.
-
-    Parameters
-    ----------
-    parameters : sequence of IdentifiedParameter
-        The base parameters of a model.
-
-    Returns
-    -------
-    str or None
-        A sentence; None where the motion shows inertia, or gravity is not determined either.
-    """
-    inertias, moments = (
-        [
-            parameter.judgement == "determined"
-            for parameter in parameters
-            if parameter.unit == unit and parameter.judgement != "held"
-        ]
-        for unit in (_INERTIA, _FIRST_MOMENT)
-    )
-    if not inertias or not any(moments) or sum(inertias) >= LEAST_DETERMINED * len(inertias):
-        return None
-    return (
-        f"The motion shows gravity and friction, but hardly any inertia ({sum(inertias)} of {len(inertias)} moments of "
-        "inertia are determined): it is too slow or too short."
-    )
