@@ -72,7 +72,7 @@ def test_a_ur10e_is_predicted_better_than_by_its_published_parameters(ur10e_mode
 def test_friction_of_a_ur10e_takes_energy_and_is_known_well(ur10e_models):
     friction = [p for p in ur10e_models["val_ptp10"].parameters if p.effect in ("coulomb", "viscous")]
     assert len(friction) == 12
-    assert all(p.value > 0 and p.relative_standard_deviation < 0.2 for p in friction)
+    assert all(p.value > 0 and p.relative_standard_deviation < 0.25 for p in friction)
 
 
 def test_a_diagnosis_of_a_ur10e_lowers_the_error_on_motions_it_has_not_seen(ur10e, ur10e_models):

@@ -74,7 +74,7 @@ def test_a_limit_that_is_no_error_is_refused(identified, unseen, limit):
 
 
 def test_no_recording_is_refused(identified):
-    with pytest.raises(DynidentError, match="measurement"):
+    with pytest.raises(DynidentError, match="recording"):
         validate_direct(identified, [])
 
 

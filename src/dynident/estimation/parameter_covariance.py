@@ -84,6 +84,11 @@ def has_enough_blocks(reduction: Reduction, kind: CovarianceName) -> bool:
 
     Blocks of time count, whichever equation has rows in them: an equation with few of its own has few degrees of
     freedom, and takes none from the others.
+
+    Parameters
+    ----------
+    reduction, kind : Reduction, CovarianceName
+        The data, and the covariance that is asked for.
     """
     return kind != "independent" and int(find_occupied_blocks(reduction).sum()) >= FEWEST_BLOCKS
 

@@ -165,7 +165,18 @@ def compute_rests(equation: EquationFactors, values: FloatArray) -> FloatArray:
 
 
 def compute_scores(columns: FloatArray, rests: FloatArray) -> FloatArray:
-    """Return the score of every block (s, p): its columns (s, m, p), of W or of the instruments, times ρ (s, m)."""
+    """Return the scores of the blocks of an equation.
+
+    Parameters
+    ----------
+    columns, rests : (s, m, p), (s, m)
+        Columns of W or of the instruments, and ρ, in each of s blocks.
+
+    Returns
+    -------
+    (s, p) array
+        Columns times ρ.
+    """
     return np.asarray((rests[:, None, :] @ columns)[:, 0])
 
 
