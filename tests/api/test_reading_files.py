@@ -212,7 +212,7 @@ def test_all_that_is_wrong_with_all_files_is_one_error(desk: Path, robot: dy.Rob
     assert '"units"' not in told
     blocking = [check for check in raised.value.checks if check.status == "error"]
     assert blocking
-    assert all(check.detail.split(" Say ")[0] in told for check in blocking)
+    assert all(check.detail.split(" State ")[0] in told for check in blocking)
 
 
 def test_what_several_files_lack_is_said_once(desk: Path, robot: dy.Robot, tmp_path: Path) -> None:
@@ -227,7 +227,7 @@ def test_what_several_files_lack_is_said_once(desk: Path, robot: dy.Robot, tmp_p
 def test_what_is_accepted_becomes_a_finding(desk: Path, robot: dy.Robot, tmp_path: Path) -> None:
     table = table_of(desk / "run1.csv")
     path = write(tmp_path / "far.csv", {name: np.rad2deg(v) if name[0] == "q" else v for name, v in table.items()})
-    with pytest.raises(dy.RecordingError, match=r'say metadata=dy.RecordingMetadata\(accept=\("position_unit",\)\)'):
+    with pytest.raises(dy.RecordingError, match=r'state metadata=dy.RecordingMetadata\(accept=\("position_unit",\)\)'):
         dy.read_recordings(path, robot=robot)
     made = dy.read_recordings(path, robot=robot, metadata=dy.RecordingMetadata(accept=("position_unit",)))
     assert "position_unit" in [check.name for check in made.findings["far"]]

@@ -171,7 +171,7 @@ BAD_FILES = {
     "a joint in degrees": (lambda desk: run1(desk, q1=run1(desk)["q1"] * 57.3), ["q1", "deg"]),
     "a torque of the wrong sign": (
         lambda desk: run1(desk, tau1=-run1(desk)["tau1"]),
-        ["tau1", "sign", "say --accept torque_sign"],
+        ["tau1", "sign", "state --accept torque_sign"],
     ),
 }
 

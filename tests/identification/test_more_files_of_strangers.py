@@ -88,7 +88,7 @@ def test_bursts_of_rows_with_one_time_are_read_without_a_warning_of_numpy(seed: 
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         guess(given.robot, columns)
-    with pytest.raises(RecordingError, match='say "rate": … if the rows are evenly spaced'):
+    with pytest.raises(RecordingError, match='state "rate": … if the rows are evenly spaced'):
         read(given.robot, tmp_path, columns)
     checks = read(given.robot, tmp_path, columns, rate=1000.0).checks
     assert [one.name for one in checks if one.status == "error"] == []
