@@ -315,7 +315,7 @@ def _report_torque_source(from_current: list[str], unused: list[str], coupled: b
     detail = FROM_TORQUE_COLUMNS
     if from_current:
         detail = f"Torque is drive gain x current [12.17] in {_shorten_names(from_current)}."
-    if coupled:
+    if from_current and coupled:
         detail += " A motor that is coupled to several joints acts on all of them."
     ignored = f" Both torque and current are given: the current ({_shorten_names(unused)}) is not used."
     return Check("torque_source", "ok", detail + ignored if unused else detail)
