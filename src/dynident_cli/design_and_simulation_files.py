@@ -64,6 +64,8 @@ def show_design(console: Console, design: Design, robot: Robot) -> None:
 
 
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
+_DRAWN_MOTIONS = 10
+"""Random motions of which a simulation takes the best. A design draws 100 to compare with, seconds for a humanoid."""
 
 
 def parse_acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
@@ -97,7 +99,7 @@ def format_true_effect(effect: TrueEffect) -> str:
 def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
     """Read the motion in a file, or draw a random one within the robot's limits."""
     if path is None:
-        request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
+        request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed, random_trajectories=_DRAWN_MOTIONS)
         design = design_experiment(robot, request, progress)
         return Reference(design.t, design.q, design.dq, design.ddq)
     return read_reference(path, robot)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+import pyarrow.csv as pacsv
 import pytest
 from scipy.interpolate import CubicSpline
 from support.floating_robots import (
@@ -119,6 +120,21 @@ def test_mass_friction_and_rotors_are_found_whatever_holds_the_robot(
     errors = {row.joint: row for row in model.errors}
     for name in robot.joint_names if kind != "flight" else robot.joint_names[6:]:
         assert errors[name].held_out < 0.02
+
+
+def test_the_forces_that_hold_a_robot_without_torques_give_its_mass(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating")
+    files = write_runs(tmp_path, "harness", (1, 2))
+    for file in files:
+        rows = pacsv.read_csv(file)
+        pacsv.write_csv(rows.select([name for name in rows.column_names if not name.startswith("tau")]), file)
+    found = dy.inspect(files[0], robot)
+    assert not found.questions
+    recordings = dy.read_recordings(*files, robot=robot, **found.said)
+    model = dy.identify(robot, recordings[:1], validation=recordings[1:])
+    assert next(row.value for row in model.parameters if row.name == "M6") == pytest.approx(MASS, rel=2e-3)
+    assert any("No recording has the torque of all joints" in warning for warning in model.warnings)
 
 
 def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:
