@@ -134,7 +134,7 @@ def test_the_forces_that_hold_a_robot_without_torques_give_its_mass(tmp_path: Pa
     recordings = dy.read_recordings(*files, robot=robot, **found.said)
     model = dy.identify(robot, recordings[:1], validation=recordings[1:])
     assert next(row.value for row in model.parameters if row.name == "M6") == pytest.approx(MASS, rel=2e-3)
-    assert any("No recording has the torque of all joints" in warning for warning in model.warnings)
+    assert any("The torque of all joints was not recorded" in warning for warning in model.warnings)
 
 
 def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:

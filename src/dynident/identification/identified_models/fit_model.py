@@ -127,7 +127,7 @@ def _warn_of_missing_torque(identification: Identification) -> list[str]:
         return []
     hidden = _join_names([column.name for column in model.hidden_columns])
     return [
-        f"No recording has the torque of {model.robot.names_without_torque}. The motion is used, but "
+        f"The torque of {model.robot.names_without_torque} was not recorded. The motion is used, but "
         "parameters that only the joint's own equation shows are not identifiable from this "
         f"data{f' ({hidden})' if hidden else ''}. For such a joint the model predicts only the torque of the links, "
         "and no data checked it."
