@@ -79,7 +79,7 @@ def _build_quality_table(design: Design) -> ReportedTable:
     motions = [(f"this motion, the {name}" if is_random else "this motion", values)]
     if baseline is not None and not is_random:
         motions.append((name, baseline.best))
-    cells = [
+    cells: list[tuple[Cell, ...]] = [
         (
             Cell(label),
             make_number_cell(of_motion.criterion),
