@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -151,19 +152,19 @@ def test_the_values_of_a_simulated_effect_are_told_as_the_option_takes_them(tmp_
     assert line in again.out
 
 
-def test_a_simulation_draws_fewer_motions_than_a_design(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "most"), [("scara", 100), ("dual_arm", 60)])
+def test_a_simulation_draws_fewer_motions_of_many_joints(monkeypatch: pytest.MonkeyPatch, name: str, most: int) -> None:
     requests: list[DesignRequest] = []
 
     def design(robot: Robot, request: DesignRequest, progress: Progress) -> Design:
         requests.append(request)
-        return design_experiment(robot, request, progress)
+        return design_experiment(robot, replace(request, random_trajectories=1), progress)
 
     monkeypatch.setattr(design_and_simulation_files, "design_experiment", design)
-    assert (
-        design_and_simulation_files.load_reference(None, robot_from_library("scara"), 1, ignore_progress).duration > 5.0
-    )
+    robot = robot_from_library(name)
+    assert design_and_simulation_files.load_reference(None, robot, 1, ignore_progress).duration > 5.0
     # A hundred motions of a humanoid take seconds, and nothing is compared with them here.
-    assert requests[0].random_trajectories <= 10 < DesignRequest().random_trajectories
+    assert 0 < requests[0].random_trajectories <= most
 
 
 def test_a_random_motion_is_not_compared_with_itself(tmp_path: Path) -> None:
