@@ -7,14 +7,17 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support.drawn_recordings import guess, log
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import set_drive_gains
-from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.column_statistics import Sample, find_clock_columns
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Proposal
 from dynident.identification.column_inference.torque_or_current import CANNOT_TELL
+from dynident.robot import robot_from_urdf
 from dynident.robot.description_and_json import robot_from_description
+from dynident.robot.pseudo_inertia import find_description_units
 
 ROBOT = arm("ur10")
 GAINS = (15.0, 13.0, 11.0, 10.6, 11.0, 11.5)
@@ -287,3 +290,67 @@ def test_columns_of_joints_that_are_locked_are_counted_with_the_others(locked: i
     kept = [k + 1 for k in range(6) if k != locked]
     assert [proposal.columns[f"q{k + 1}"] for k in range(5)] == [f"position{k}" for k in kept]
     assert [proposal.columns[f"tau{k + 1}"] for k in range(5)] == [f"effort{k}" for k in kept]
+
+
+def drawn(seed: int, rate: float = 100.0) -> dict[str, np.ndarray]:
+    """Positions, velocities and torques of a drawn arm, named as the columns of a file without names."""
+    given = log("ur10", seed, rate=rate)
+    slopes = np.gradient(given.q, given.t, axis=0)
+    values = np.column_stack([given.q, slopes, given.tau])
+    return {f"column{k + 1}": values[:, k] for k in range(values.shape[1])}
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(1, 125.0), (2, 40.0), (3, 500.0)])
+def test_the_rate_of_rows_without_time_follows_from_their_velocities(seed: int, rate: float) -> None:
+    (question,) = guess(ROBOT, drawn(seed, rate)).questions
+    assert (question.field, [one.value for one in question.remedies]) == ("columns/t", [rate])
+    # Torques are no slopes, and without velocities no rate is known.
+    bare = [name for k, name in enumerate(drawn(seed)) if not 6 <= k < 12]
+    (question,) = guess(ROBOT, {name: drawn(seed, rate)[name] for name in bare}).questions
+    assert question.remedies == ()
+
+
+@pytest.mark.parametrize(("seed", "stated"), [(1, 250.0), (2, 40.0)])
+def test_a_rate_that_the_velocities_refute_is_doubted_before_torques_and_units_are(seed: int, stated: float) -> None:
+    columns = drawn(seed, 100.0)
+    t = np.arange(len(columns["column1"])) / stated
+    values = np.column_stack([t, *columns.values()])
+    given = Sample(("t", *columns), values, {}, has_stated_rate=True)
+    (question,) = propose(given, ROBOT).questions
+    assert (question.check, question.remedies[0].value) == ("clock_rate", 100.0)
+    right = np.column_stack([np.arange(len(t)) / 100.0, *columns.values()])
+    assert {one.field for one in propose(replace(given, values=right), ROBOT).questions} <= {"effort_kind"}
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(1, 100.0), (2, 300.0)])
+def test_velocities_without_torques_are_no_torques(seed: int, rate: float) -> None:
+    """Also where the rate is not that of the rows."""
+    columns = dict(list(drawn(seed, 100.0).items())[:12])
+    t = np.arange(len(columns["column1"])) / rate
+    found = guess(ROBOT, {"t": t} | columns)
+    assert [one.field for one in found.questions if one.field != "units/t"] == ["columns/tau"]
+    assert "was the torque recorded?" in found.questions[0].detail
+    assert found.columns["q1"] == "column1"
+
+
+def test_a_joint_that_sweeps_through_a_grid_of_poses_is_no_clock() -> None:
+    grid = np.tile(np.linspace(-0.6, 0.6, 5), 300) + np.random.default_rng(4).normal(0.0, 0.01, 1500)
+    assert find_clock_columns(grid[:, None]) == []
+    runs = np.tile(np.arange(300) * 0.004, 5)
+    assert find_clock_columns(runs[:, None]) == [0]
+
+
+@pytest.mark.parametrize(("mass", "length"), [(0.6, 0.45), (2.5, 0.9)])
+def test_a_pendulum_has_the_length_of_its_only_link(mass: float, length: float) -> None:
+    """Its joint is at the base, so that no distance between joints says how large it is."""
+    inertia = (
+        f'<inertia ixx="{mass * length**2 / 50}" ixy="0" ixz="0" iyy="{mass * length**2 / 50}" iyz="0" izz="1e-3"/>'
+    )
+    robot = robot_from_urdf(
+        "pendulum",
+        '<robot name="pendulum"><link name="base"/><link name="rod"><inertial>'
+        f'<origin xyz="0.01 0 -{length}"/><mass value="{mass}"/>{inertia}</inertial></link>'
+        '<joint name="pivot" type="revolute"><origin xyz="-0.0004 0 0"/><axis xyz="0 1 0"/><parent link="base"/>'
+        '<child link="rod"/><limit lower="0" upper="0" effort="0" velocity="0"/></joint></robot>',
+    )
+    assert find_description_units(robot) is None

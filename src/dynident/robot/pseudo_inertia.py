@@ -156,6 +156,9 @@ _WIDEST = 3.0
 """Times the reach up to which a link's centre of mass, or its radius of gyration, may be from its joint: 0.6 in
 descriptions that are right, and 30 and more with mm taken for m."""
 
+_LONGEST_END, _SHORTEST = 3.0, 0.02
+"""Distance in m of a centre of mass from its joint above which it is in mm; and the smallest robot that is measured."""
+
 _SMALL = 1e-3
 
 
@@ -215,14 +218,19 @@ def find_description_units(robot: Robot) -> DescriptionUnits | None:
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
-    links = robot.inertias[robot.inertias[:, 9] > 0]
-    # Without a length nothing can be compared.
-    if reach <= 0.0:
-        return None
+    has_mass = robot.inertias[:, 9] > 0
+    links = robot.inertias[has_mass]
     masses = links[:, 9]
+    centres = np.linalg.norm(links[:, 6:9], axis=1) / masses
+    # No joint says how long a link at an end is, such as a pendulum: as long as its centre of mass is far, in m.
+    ends = np.isin(np.flatnonzero(has_mass), [joint.parent for joint in robot.joints], invert=True)
+    reach += float(centres[ends & (centres < _LONGEST_END)].sum())
+    # Without a length nothing can be compared.
+    if reach < _SHORTEST:
+        return None
     mass = _SMALL if masses.sum() > _HEAVIEST * reach**2 else 1.0
     # The median over the links: a single link may have an odd centre of mass, a unit is wrong for all of them.
-    centre = float(np.median(np.linalg.norm(links[:, 6:9], axis=1) / masses))
+    centre = float(np.median(centres))
     moment = mass * (_SMALL if centre > _WIDEST * reach else 1.0)
     # Radius of gyration about the joint, by the largest moment of inertia; about the centre of mass it is no larger.
     squares = np.abs(links[:, [0, 3, 5]]).max(axis=1) / masses
