@@ -119,9 +119,9 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             return None
         missing = "No column looks like a clock: which column is the time, and in which unit? If the file has no time,"
         detail = f"{missing} give the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
-        found = tuple(Remedy("rate", rate) for rate in [find_rate_by_slopes(values)] if rate)
-        detail += f" As the derivatives of other columns, velocities say: {found[0]}." if found else ""
-        work.questions.append(Question("columns/t", detail, names, remedies=found))
+        remedies = tuple(Remedy("rate", rate) for rate in [find_rate_by_slopes(values)] if rate)
+        detail += f" As the derivatives of other columns, velocities say: {remedies[0]}." if remedies else ""
+        work.questions.append(Question("columns/t", detail, names, remedies=remedies))
         return None
     name = names[choice.column]
     if name not in work.sample.stated and (bursts := ask_for_rate_of_bursts(name, values, choice)):
@@ -425,7 +425,7 @@ def drop_dependent_questions(work: WorkingProposal) -> None:
         ]
         work.guesses = [guess for guess in work.guesses if guess.field != "check"]
     if any(question.check == "length" for question in work.questions):
-        work.questions = [one for one in work.questions if one.field != "effort_kind"]
+        work.questions = [question for question in work.questions if question.field != "effort_kind"]
 
 
 def find_segment_column(work: WorkingProposal) -> FloatArray | None:
