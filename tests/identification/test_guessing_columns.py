@@ -354,3 +354,14 @@ def test_a_pendulum_has_the_length_of_its_only_link(mass: float, length: float) 
         '<child link="rod"/><limit lower="0" upper="0" effort="0" velocity="0"/></joint></robot>',
     )
     assert find_description_units(robot) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_torque_that_is_called_measured_goes_before_the_feedback_of_a_controller(seed: int) -> None:
+    given = log("ur10", seed)
+    share = np.random.default_rng(seed).uniform(0.2, 0.6, 6)
+    columns = {"time": given.t}
+    for name, values in {"q": given.q, "tau_feedback": share * given.tau, "tau_measured": given.tau}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
+    found = guess(ROBOT, columns)
+    assert (found.questions, found.columns["tau2"]) == ((), "tau_measured2")
