@@ -365,3 +365,35 @@ def test_a_torque_that_is_called_measured_goes_before_the_feedback_of_a_controll
         columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
     found = guess(ROBOT, columns)
     assert (found.questions, found.columns["tau2"]) == ((), "tau_measured2")
+
+
+@pytest.mark.parametrize("prefix", ["ee_pos", "eef_position"])
+def test_the_place_of_the_end_effector_is_no_position_of_three_joints(prefix: str) -> None:
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 12.0, 100.0, 5)
+    n = robot.n
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    columns = {"time": motion.t}
+    place = np.cumsum(np.random.default_rng(2).normal(0.0, 1e-3, (len(motion.t), n)), axis=0)
+    for name, values in {"q": motion.q, "tau": tau, prefix: place}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in range(n)}
+    assert [one.field for one in guess(robot, columns).questions if one.field == "columns/q"] == []
+
+
+@pytest.mark.parametrize("kept", [1, 3])
+def test_columns_of_locked_joints_are_no_other_signals_of_the_only_joint_that_is_left(kept: int) -> None:
+    t = np.arange(0.0, 20.0, 0.01)
+    q, slopes, pushes = np.zeros((len(t), 6)), np.zeros((len(t), 6)), np.zeros((len(t), 6))
+    phase = 2.0 * np.pi * (0.2 * t + 0.02 * t**2)
+    q[:, kept], slopes[:, kept] = 0.6 * np.sin(phase), np.gradient(0.6 * np.sin(phase), t)
+    pushes[:, kept] = np.gradient(slopes[:, kept], t)
+    tau = pinocchio_torque(ROBOT, q, slopes, pushes) + 3.0 * np.sign(slopes)
+    locked = {name: 0.0 for j, name in enumerate(ROBOT.joint_names) if j != kept}
+    robot = robot_from_description(ROBOT.name, ROBOT.description, locked_joints=locked)
+    noise = np.random.default_rng(kept).normal(0.0, 0.05, tau.shape)
+    columns = {"time": t}
+    for name, values in {"q": q, "tau": tau + noise}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
+    found = guess(robot, columns)
+    assert (found.columns["q1"], found.columns["tau1"]) == (f"q{kept + 1}", f"tau{kept + 1}")
+    assert [one.detail for one in found.questions if "Several sets" in one.detail] == []
