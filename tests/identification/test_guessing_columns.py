@@ -15,7 +15,7 @@ from dynident.identification.column_inference.column_statistics import Sample, f
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Proposal
 from dynident.identification.column_inference.torque_or_current import CANNOT_TELL
-from dynident.robot import robot_from_urdf
+from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.description_and_json import robot_from_description
 from dynident.robot.pseudo_inertia import find_description_units
 
@@ -340,20 +340,23 @@ def test_a_joint_that_sweeps_through_a_grid_of_poses_is_no_clock() -> None:
     assert find_clock_columns(runs[:, None]) == [0]
 
 
-@pytest.mark.parametrize(("mass", "length"), [(0.6, 0.45), (2.5, 0.9)])
-def test_a_pendulum_has_the_length_of_its_only_link(mass: float, length: float) -> None:
-    """Its joint is at the base, so that no distance between joints says how large it is."""
+def draw_pendulum(mass: float, length: float) -> Robot:
+    """One link at the base: no distance between joints says how large the robot is."""
     inertia = (
         f'<inertia ixx="{mass * length**2 / 50}" ixy="0" ixz="0" iyy="{mass * length**2 / 50}" iyz="0" izz="1e-3"/>'
     )
-    robot = robot_from_urdf(
+    return robot_from_urdf(
         "pendulum",
         '<robot name="pendulum"><link name="base"/><link name="rod"><inertial>'
         f'<origin xyz="0.01 0 -{length}"/><mass value="{mass}"/>{inertia}</inertial></link>'
         '<joint name="pivot" type="revolute"><origin xyz="-0.0004 0 0"/><axis xyz="0 1 0"/><parent link="base"/>'
         '<child link="rod"/><limit lower="0" upper="0" effort="0" velocity="0"/></joint></robot>',
     )
-    assert find_description_units(robot) is None
+
+
+@pytest.mark.parametrize(("mass", "length"), [(0.6, 0.45), (2.5, 0.9)])
+def test_the_masses_of_a_pendulum_are_not_said_to_be_in_grams(mass: float, length: float) -> None:
+    assert find_description_units(draw_pendulum(mass, length)) is None
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -397,3 +400,15 @@ def test_columns_of_locked_joints_are_no_other_signals_of_the_only_joint_that_is
     found = guess(robot, columns)
     assert (found.columns["q1"], found.columns["tau1"]) == (f"q{kept + 1}", f"tau{kept + 1}")
     assert [one.detail for one in found.questions if "Several sets" in one.detail] == []
+
+
+@pytest.mark.parametrize(("largest", "turns"), [(16.0, 1.0), (9.0, 2.6)])
+def test_a_pendulum_is_as_long_as_its_link_and_may_turn_over(largest: float, turns: float) -> None:
+    robot = draw_pendulum(0.7, 0.45)
+    t = np.arange(0.0, 20.0, 0.005)
+    q = np.pi * turns * np.sin(2.0 * np.pi * (0.1 * t + 0.01 * t**2))
+    tau = np.random.default_rng(3).normal(0.0, 1.0, len(t))
+    tau *= largest / np.abs(tau).max()
+    found = guess(robot, {"time": t, "position": q, "torque": tau})
+    assert found.units.get("tau") is None
+    assert found.units.get("q") is None

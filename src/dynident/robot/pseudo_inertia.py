@@ -202,6 +202,24 @@ class DescriptionUnits:
         return ", ".join(text for text in (masses, centres, inertias) if text)
 
 
+def measure_reach(robot: Robot) -> float:
+    """Return the length in m of the robot from its base, all links stretched.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+    reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
+    if robot.inertias is None:
+        return reach
+    # No joint says how long a link at an end is, such as a pendulum: as long as its centre of mass is far, in m.
+    ends = np.isin(np.arange(robot.n), [joint.parent for joint in robot.joints], invert=True)
+    links = robot.inertias[ends & (robot.inertias[:, 9] > 0.0)]
+    centres = np.linalg.norm(links[:, 6:9], axis=1) / links[:, 9]
+    return reach + float(centres[centres < _LONGEST_END].sum())
+
+
 def find_description_units(robot: Robot) -> DescriptionUnits | None:
     """Find the units of a description's masses, from its own numbers alone.
 
@@ -217,20 +235,15 @@ def find_description_units(robot: Robot) -> DescriptionUnits | None:
     """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
-    reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
-    has_mass = robot.inertias[:, 9] > 0
-    links = robot.inertias[has_mass]
+    reach = measure_reach(robot)
+    links = robot.inertias[robot.inertias[:, 9] > 0]
     masses = links[:, 9]
-    centres = np.linalg.norm(links[:, 6:9], axis=1) / masses
-    # No joint says how long a link at an end is, such as a pendulum: as long as its centre of mass is far, in m.
-    ends = np.isin(np.flatnonzero(has_mass), [joint.parent for joint in robot.joints], invert=True)
-    reach += float(centres[ends & (centres < _LONGEST_END)].sum())
     # Without a length nothing can be compared.
     if reach < _SHORTEST:
         return None
     mass = _SMALL if masses.sum() > _HEAVIEST * reach**2 else 1.0
     # The median over the links: a single link may have an odd centre of mass, a unit is wrong for all of them.
-    centre = float(np.median(centres))
+    centre = float(np.median(np.linalg.norm(links[:, 6:9], axis=1) / masses))
     moment = mass * (_SMALL if centre > _WIDEST * reach else 1.0)
     # Radius of gyration about the joint, by the largest moment of inertia; about the centre of mass it is no larger.
     squares = np.abs(links[:, [0, 3, 5]]).max(axis=1) / masses
