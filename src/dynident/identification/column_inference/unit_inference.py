@@ -24,11 +24,9 @@ LEAST_MOTION = np.deg2rad(3.5)
 HARDLY_MOVES = np.deg2rad(10.0)
 """rad: angles said to be degrees that stay within this may be radians."""
 
-MOST_MOTION = 4.0 * np.pi * 1.05
-"""rad: no joint with limits moves further; two turns, and a little. A pendulum that swings over may turn twice that."""
-
-CLEARLY = 1.25
-"""Ratio of the unexplained shares above which another unit is ruled out."""
+MOST_MOTION, CLEARLY = 4.0 * np.pi * 1.05, 1.25
+"""rad: no joint with limits moves further; two turns, and a little. A pendulum that swings over may turn twice that. And
+the ratio of the unexplained shares above which another unit is ruled out."""
 
 
 WELL_KNOWN = (
@@ -297,8 +295,9 @@ def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, hig
     factor = get_factor("q", "revolute", unit)
     for place, joint in enumerate(turning):
         limits = robot.joints[joint].reach
-        most = (1.0 if limits is not None and limits[1] > limits[0] else 2.0) * MOST_MOTION
-        if limits is not None and limits[1] > limits[0]:
+        is_limited = limits is not None and limits[1] > limits[0]
+        most = MOST_MOTION if is_limited or unit != "rad" else 2.0 * MOST_MOTION
+        if limits is not None and is_limited:
             tolerance = 0.05 * (limits[1] - limits[0]) + 0.1
             # Only the width of the motion is compared with the limits: the zero may be another, and a turn more or
             # less is the same place.

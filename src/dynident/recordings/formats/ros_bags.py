@@ -219,7 +219,9 @@ class _Bag:
         """Return name and type of the topics that hold signals of joints, by their keys."""
         rows = self._fetch_rows("SELECT id, name, type FROM topics")
         check_columns(len(rows))
-        known = {key: (str(name), str(kind)) for key, name, kind in rows if kind in KNOWN and isinstance(key, int)}
+        known: dict[object, tuple[str, str]] = {
+            key: (str(name), str(kind)) for key, name, kind in rows if kind in KNOWN and isinstance(key, int)
+        }
         if rows and not known:
             raise _refuse_topics((str(name), str(kind)) for _, name, kind in rows)
         return known
