@@ -25,8 +25,8 @@ HARDLY_MOVES = np.deg2rad(10.0)
 """rad: angles said to be degrees that stay within this may be radians."""
 
 MOST_MOTION, CLEARLY = 4.0 * np.pi * 1.05, 1.25
-"""rad: no joint with limits moves further; two turns, and a little. A pendulum that swings over may turn twice that. And
-the ratio of the unexplained shares above which another unit is ruled out."""
+"""rad: no joint with limits moves further; two turns, and a little. A pendulum that turns over may go twice as far. The
+second is the ratio of the unexplained shares above which another unit is ruled out."""
 
 
 WELL_KNOWN = (
