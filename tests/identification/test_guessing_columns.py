@@ -7,14 +7,17 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support.drawn_recordings import guess, log
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import set_drive_gains
-from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.column_statistics import Sample, find_clock_columns
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Proposal
 from dynident.identification.column_inference.torque_or_current import CANNOT_TELL
+from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.description_and_json import robot_from_description
+from dynident.robot.pseudo_inertia import find_description_units
 
 ROBOT = arm("ur10")
 GAINS = (15.0, 13.0, 11.0, 10.6, 11.0, 11.5)
@@ -287,3 +290,125 @@ def test_columns_of_joints_that_are_locked_are_counted_with_the_others(locked: i
     kept = [k + 1 for k in range(6) if k != locked]
     assert [proposal.columns[f"q{k + 1}"] for k in range(5)] == [f"position{k}" for k in kept]
     assert [proposal.columns[f"tau{k + 1}"] for k in range(5)] == [f"effort{k}" for k in kept]
+
+
+def drawn(seed: int, rate: float = 100.0) -> dict[str, np.ndarray]:
+    """Positions, velocities and torques of a drawn arm, named as the columns of a file without names."""
+    given = log("ur10", seed, rate=rate)
+    slopes = np.gradient(given.q, given.t, axis=0)
+    values = np.column_stack([given.q, slopes, given.tau])
+    return {f"column{k + 1}": values[:, k] for k in range(values.shape[1])}
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(1, 125.0), (2, 40.0), (3, 500.0)])
+def test_the_rate_of_rows_without_time_follows_from_their_velocities(seed: int, rate: float) -> None:
+    (question,) = guess(ROBOT, drawn(seed, rate)).questions
+    assert (question.field, [one.value for one in question.remedies]) == ("columns/t", [rate])
+    # Torques are no slopes, and without velocities no rate is known.
+    bare = [name for k, name in enumerate(drawn(seed)) if not 6 <= k < 12]
+    (question,) = guess(ROBOT, {name: drawn(seed, rate)[name] for name in bare}).questions
+    assert question.remedies == ()
+
+
+@pytest.mark.parametrize(("seed", "stated"), [(1, 250.0), (2, 40.0)])
+def test_a_rate_that_the_velocities_refute_is_doubted_before_torques_and_units_are(seed: int, stated: float) -> None:
+    columns = drawn(seed, 100.0)
+    t = np.arange(len(columns["column1"])) / stated
+    values = np.column_stack([t, *columns.values()])
+    given = Sample(("t", *columns), values, {}, has_stated_rate=True)
+    (question,) = propose(given, ROBOT).questions
+    assert (question.check, question.remedies[0].value) == ("clock_rate", 100.0)
+    right = np.column_stack([np.arange(len(t)) / 100.0, *columns.values()])
+    assert {one.field for one in propose(replace(given, values=right), ROBOT).questions} <= {"effort_kind"}
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(1, 100.0), (2, 300.0)])
+def test_velocities_without_torques_are_no_torques(seed: int, rate: float) -> None:
+    """Also where the rate is not that of the rows."""
+    columns = dict(list(drawn(seed, 100.0).items())[:12])
+    t = np.arange(len(columns["column1"])) / rate
+    found = guess(ROBOT, {"t": t} | columns)
+    assert [one.field for one in found.questions if one.field != "units/t"] == ["columns/tau"]
+    assert "was the torque recorded?" in found.questions[0].detail
+    assert found.columns["q1"] == "column1"
+
+
+def test_a_joint_that_sweeps_through_a_grid_of_poses_is_no_clock() -> None:
+    grid = np.tile(np.linspace(-0.6, 0.6, 5), 300) + np.random.default_rng(4).normal(0.0, 0.01, 1500)
+    assert find_clock_columns(grid[:, None]) == []
+    runs = np.tile(np.arange(300) * 0.004, 5)
+    assert find_clock_columns(runs[:, None]) == [0]
+
+
+def draw_pendulum(mass: float, length: float) -> Robot:
+    """One link at the base: no distance between joints says how large the robot is."""
+    inertia = (
+        f'<inertia ixx="{mass * length**2 / 50}" ixy="0" ixz="0" iyy="{mass * length**2 / 50}" iyz="0" izz="1e-3"/>'
+    )
+    return robot_from_urdf(
+        "pendulum",
+        '<robot name="pendulum"><link name="base"/><link name="rod"><inertial>'
+        f'<origin xyz="0.01 0 -{length}"/><mass value="{mass}"/>{inertia}</inertial></link>'
+        '<joint name="pivot" type="revolute"><origin xyz="-0.0004 0 0"/><axis xyz="0 1 0"/><parent link="base"/>'
+        '<child link="rod"/><limit lower="0" upper="0" effort="0" velocity="0"/></joint></robot>',
+    )
+
+
+@pytest.mark.parametrize(("mass", "length"), [(0.6, 0.45), (2.5, 0.9)])
+def test_the_masses_of_a_pendulum_are_not_said_to_be_in_grams(mass: float, length: float) -> None:
+    assert find_description_units(draw_pendulum(mass, length)) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_torque_that_is_called_measured_goes_before_the_feedback_of_a_controller(seed: int) -> None:
+    given = log("ur10", seed)
+    share = np.random.default_rng(seed).uniform(0.2, 0.6, 6)
+    columns = {"time": given.t}
+    for name, values in {"q": given.q, "tau_feedback": share * given.tau, "tau_measured": given.tau}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
+    found = guess(ROBOT, columns)
+    assert (found.questions, found.columns["tau2"]) == ((), "tau_measured2")
+
+
+@pytest.mark.parametrize("prefix", ["ee_pos", "eef_position"])
+def test_the_place_of_the_end_effector_is_no_position_of_three_joints(prefix: str) -> None:
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 12.0, 100.0, 5)
+    n = robot.n
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    columns = {"time": motion.t}
+    place = np.cumsum(np.random.default_rng(2).normal(0.0, 1e-3, (len(motion.t), n)), axis=0)
+    for name, values in {"q": motion.q, "tau": tau, prefix: place}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in range(n)}
+    assert [one.field for one in guess(robot, columns).questions if one.field == "columns/q"] == []
+
+
+@pytest.mark.parametrize("kept", [1, 3])
+def test_columns_of_locked_joints_are_no_other_signals_of_the_only_joint_that_is_left(kept: int) -> None:
+    t = np.arange(0.0, 20.0, 0.01)
+    q, slopes, pushes = np.zeros((len(t), 6)), np.zeros((len(t), 6)), np.zeros((len(t), 6))
+    phase = 2.0 * np.pi * (0.2 * t + 0.02 * t**2)
+    q[:, kept], slopes[:, kept] = 0.6 * np.sin(phase), np.gradient(0.6 * np.sin(phase), t)
+    pushes[:, kept] = np.gradient(slopes[:, kept], t)
+    tau = pinocchio_torque(ROBOT, q, slopes, pushes) + 3.0 * np.sign(slopes)
+    locked = {name: 0.0 for j, name in enumerate(ROBOT.joint_names) if j != kept}
+    robot = robot_from_description(ROBOT.name, ROBOT.description, locked_joints=locked)
+    noise = np.random.default_rng(kept).normal(0.0, 0.05, tau.shape)
+    columns = {"time": t}
+    for name, values in {"q": q, "tau": tau + noise}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
+    found = guess(robot, columns)
+    assert (found.columns["q1"], found.columns["tau1"]) == (f"q{kept + 1}", f"tau{kept + 1}")
+    assert [one.detail for one in found.questions if "Several sets" in one.detail] == []
+
+
+@pytest.mark.parametrize(("largest", "turns"), [(16.0, 1.0), (9.0, 2.6)])
+def test_a_pendulum_is_as_long_as_its_link_and_may_turn_over(largest: float, turns: float) -> None:
+    robot = draw_pendulum(0.7, 0.45)
+    t = np.arange(0.0, 20.0, 0.005)
+    q = np.pi * turns * np.sin(2.0 * np.pi * (0.1 * t + 0.01 * t**2))
+    tau = np.random.default_rng(3).normal(0.0, 1.0, len(t))
+    tau *= largest / np.abs(tau).max()
+    found = guess(robot, {"time": t, "position": q, "torque": tau})
+    assert found.units.get("tau") is None
+    assert found.units.get("q") is None

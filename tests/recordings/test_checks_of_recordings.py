@@ -536,3 +536,11 @@ def test_checks_of_a_long_recording_take_a_few_seconds_at_most(tmp_path):
     start = time.process_time()
     import_recording(source, tmp_path / "stored", RecordedJoints(JOINTS))
     assert time.process_time() - start < 8.0
+
+
+@pytest.mark.parametrize(("digit", "levels"), [(0.026, 2), (0.004, 3)])
+def test_a_joint_that_stands_without_load_does_not_saturate(tmp_path, digit, levels):
+    columns = motion()
+    steps = np.random.default_rng(levels).integers(0, levels, len(columns["t"]))
+    columns |= {"q3": 0.2 + 3e-5 * (steps > 0), "tau3": -0.5 * digit + digit * steps}
+    assert found(tmp_path, columns, "saturation").status == "ok"

@@ -11,6 +11,7 @@ import pytest
 
 from dynident.recordings.formats import bags
 from dynident.recordings.formats.bags import TopicSamples, read_topic_samples
+from dynident.recordings.recording_metadata import RecordingError
 
 pytest.importorskip("rosbags")
 
@@ -151,3 +152,18 @@ def test_an_mcap_file_that_is_out_of_order_is_read_by_its_time(tmp_path):
     one, two = whole(straight, "mcap"), whole(other, "mcap")
     assert (np.diff(two["force"]["t"]) > 0).all()
     assert np.array_equal(one["force"]["force_x"][: len(two["force"]["t"])], two["force"]["force_x"])
+
+
+@pytest.mark.parametrize("kind", ["geometry_msgs/msg/Vector3", "geometry_msgs/msg/Quaternion"])
+def test_a_bag_without_signals_of_joints_says_what_it_holds(tmp_path: Path, kind: str) -> None:
+    rosbag1 = pytest.importorskip("rosbags.rosbag1")
+    store, _ = stores()
+    axes = 4 if kind.endswith("Quaternion") else 3
+    with rosbag1.Writer(tmp_path / "run.bag") as writer:
+        topic = writer.add_connection("/controller/state", kind, typestore=store)
+        for k in range(5):
+            message = store.types[kind](*np.arange(float(axes)))
+            writer.write(topic, 10**9 + k, store.serialize_ros1(message, kind))
+    with pytest.raises(RecordingError, match=f"no joint states, but /controller/state .{kind}.") as refused:
+        list(read_topic_samples(tmp_path / "run.bag", "rosbag"))
+    assert "rostopic echo -b run.bag -p TOPIC" in str(refused.value)

@@ -178,7 +178,7 @@ BAD = {
     ),
     '<mujoco><worldbody><body name="a"><joint type="ball"/></body></worldbody></mujoco>': "connected by a ball joint",
     '<mujoco><worldbody><body name="a"><joint/>\n<geom type="mesh" mesh="m"/></body></worldbody></mujoco>': (
-        "line 2: The mass of its body comes from the mesh 'm', but the mesh file is missing"
+        "line 2: The mass of its body comes from the mesh 'm', and mesh files are not read: add the <inertial>"
     ),
     '<mujoco><worldbody>\n\n<body name="a"><joint type="hing"/></body></worldbody></mujoco>': "MuJoCo .*line 3",
     '<mujoco><worldbody><body name="a"><joint/></body></worldbody></mujoco>': "mass and inertia of moving bodies",

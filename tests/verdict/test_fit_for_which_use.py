@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import import_module
 from types import SimpleNamespace
-from typing import get_args
+from typing import cast, get_args
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from dynident.api.model import Model
 from dynident.diagnosis import DiagnosisChoices, diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import Remedy, word_remedies, write_argument
-from dynident.estimation import OutlyingSpan
+from dynident.estimation import Errors, OutlyingSpan
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.identification.identified_models.fit_model import _warn_of_misfit
 from dynident.number_format import format_percent
@@ -29,6 +29,7 @@ from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stoppe
 from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection, judge_feed_forward
 from dynident.verdict.held_out_evidence import HeldOutEvidence
 from dynident.verdict.model_verdict import _CALLS
+from dynident.verdict.stop_cause import find_stop_cause
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -403,3 +404,26 @@ def test_a_repeated_motion_is_said_to_be_one() -> None:
     assert good
     assert all("this motion only" in one.reason for one in good)
     assert "Hold out another motion" in found.next_steps[0]
+
+
+@pytest.mark.parametrize(("condition", "records_more"), [(3000.0, True), (60.0, False)])
+def test_held_out_joints_that_the_motion_does_not_determine_have_no_wrong_column(
+    condition: float, records_more: bool
+) -> None:
+    """Two of six joints fail on held-out data: their columns were right in the fit, if its motion says enough."""
+    counts, measured = np.full(6, 500.0), np.full(6, 40.0)
+    fit = Errors((0.03 * measured) ** 2, measured**2, counts)
+    shares = np.array([0.2, 0.3, 1.8, 0.1, 9.0, 0.2])
+    held_out = Errors((shares * measured) ** 2, measured**2, counts)
+    identification = SimpleNamespace(
+        fit=fit,
+        held_out=held_out,
+        fit_moving=fit,
+        held_out_moving=held_out,
+        model=SimpleNamespace(robot=arm("ur10")),
+        equilibrated_condition_number=condition,
+    )
+    stop = find_stop_cause(cast("Identification", identification), (), (), ())
+    assert stop is not None
+    assert stop.records_more == records_more
+    assert ("check the unit" in stop.cause) != records_more

@@ -1,4 +1,4 @@
-"""Power spectra of velocity, position noise and torque (Welch), on which cut-offs are chosen; steps of signals."""
+"""Power spectra of velocity, position noise and torque (Welch), for cut-offs; steps and slopes of signals."""
 
 from __future__ import annotations
 
@@ -180,3 +180,100 @@ def find_step(values: FloatArray) -> float:
     whole = gaps / step
     # A grid: all gaps are whole numbers of steps.
     return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
+
+
+SLOPE = 0.9
+"""Correlation above which one column is taken for the slope of another."""
+
+
+def smooth_columns(values: FloatArray, width: int) -> FloatArray:
+    """Return means over `width` rows, twice, without the ends (m, columns)."""
+    if width <= 1:
+        return values
+    # Running means by cumulative sums take a time that does not depend on the width.
+    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    once = (total[width:] - total[:-width]) / width
+    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), once]), axis=0)
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def fill_gaps(values: FloatArray) -> FloatArray:
+    """Return the values with gaps filled by straight lines between the numbers."""
+    result = np.array(values, dtype=np.float64)
+    rows = np.arange(len(values))
+    for column in range(values.shape[1]):
+        good = np.isfinite(values[:, column])
+        if good.any() and not good.all():
+            result[:, column] = np.interp(rows, rows[good], values[good, column])
+    return result
+
+
+def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Correlate the slope of every column with every other column.
+
+    Parameters
+    ----------
+    t : (m,)
+        In s.
+    values : (m, c)
+        Values of all columns.
+
+    Returns
+    -------
+    correlation, factor : (c, c)
+        Of the slope of column i with column j; and column j = factor x slope of column i.
+    """
+    # A clock may start again with every run of a file: a slope must not reach across that.
+    steps = np.diff(t)
+    rate = len(t) / max(float(steps[steps > 0].sum()), 1e-9)
+    # Smooth over 40 ms: differences of positions from row to row would be mostly noise of the encoder.
+    width = max(1, int(rate * 0.04))
+    restarts = np.concatenate([[0], np.cumsum(steps < 0)])
+    steady = smooth_columns(np.column_stack([t, fill_gaps(values)]), width)
+    t, values = steady[:, 0], steady[:, 1:]
+    reach = max(1, width)
+    step = t[2 * reach :] - t[: -2 * reach]
+    span = len(restarts) - len(step)
+    one_run = restarts[span:] == restarts[:-span]
+    good = one_run & (step > 0) & (step < 20 * max(float(np.median(step)), 1e-12))
+    rise = (values[2 * reach :] - values[: -2 * reach])[good] / step[good][:, None]
+    middle = values[reach:-reach][good]
+    if len(rise) < 16:
+        nothing = np.zeros((values.shape[1], values.shape[1]))
+        return nothing, nothing
+    size = np.sqrt((rise**2).sum(axis=0))
+    other = np.sqrt((middle**2).sum(axis=0))
+    inner = rise.T @ middle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(inner / (size[:, None] * other[None, :]))
+        factor = np.nan_to_num(inner / (size[:, None] ** 2))
+    return np.asarray(correlation), np.asarray(factor)
+
+
+_NOMINAL = 100.0
+"""Hz at which rows without time are differentiated; the rate that follows does not depend on it."""
+_ALIKE, _MOST, _ROUNDED = 0.02, 0.75, 0.01
+"""Relative difference of rates that are one, share of the columns with a slope that give it, and its error."""
+_SLOWEST, _FASTEST = 8.0, 8000.0
+"""Hz of the rows: with degrees beside rad/s the rate would be 57 times too low or too high."""
+
+
+def find_rate_by_slopes(values: FloatArray) -> float:
+    """Return the rate of rows in Hz at which columns are the slopes of others; 0 where several columns give none.
+
+    Parameters
+    ----------
+    values : (m, c)
+        Values of all columns, such as positions and velocities of joints; NaN where there is no number.
+    """
+    correlation, factor = correlate_slopes(np.arange(len(values)) / _NOMINAL, values)
+    np.fill_diagonal(correlation, 0.0)
+    follower = correlation.argmax(axis=1)
+    pairs = [(i, j) for i, j in enumerate(follower) if correlation[i, j] > SLOPE and correlation[:, j].argmax() == i]
+    rates = np.array([_NOMINAL * factor[pair] for pair in pairs])
+    common = float(np.median(rates)) if len(rates) > 1 else 0.0
+    if not _SLOWEST < common < _FASTEST or np.mean(np.abs(rates - common) <= _ALIKE * common) < _MOST:
+        return 0.0
+    # Differences take a little off a slope; most logs have a period of whole milliseconds.
+    usual = 1000.0 / max(1, round(1000.0 / common))
+    return float(f"{usual if abs(usual / common - 1.0) < _ROUNDED else common:.4g}")

@@ -224,6 +224,9 @@ def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: i
     reach, top = float(np.ptp(tau)), float(tau.max(initial=-np.inf))
     if reach == 0.0 or len(tau) < 10 * run:
         return np.inf
+    # A joint that stands without load changes its torque by the last digits alone, which is no limit.
+    if np.ptp(q) <= STANDING_TRAVEL and len(np.unique(tau)) <= _FEW_LEVELS:
+        return np.inf
     end, most = np.inf, 0
     # The values of a torque without digits lie on no grid, however few they are: its peaks have no flat top.
     resolution = find_step(tau) or find_step(tau[tau > top - SATURATED * reach])
@@ -248,6 +251,10 @@ def _find_upper_end(tau: FloatArray, q: FloatArray, effort: float | None, run: i
         if any(_is_plateau(tau, *rows_at, at_limit, resolution) for rows_at in runs):
             end = min(end, at_limit)
     return end
+
+
+_FEW_LEVELS = 4
+"""Values of a torque that are noise of its last digit: nothing between a limit and the rest is among them."""
 
 
 def _is_plateau(tau: FloatArray, start: int, end: int, level: float, resolution: float) -> bool:

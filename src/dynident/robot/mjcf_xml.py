@@ -272,7 +272,7 @@ def _iter_body_elements(element: Element) -> Iterator[Element]:
 
 
 def _check_meshes(reduced: Element, fail: _Fail) -> None:
-    """Refuse meshes whose mass counts, and replace massless ones by spheres: their files are not here."""
+    """Refuse meshes whose mass counts, and replace massless ones by spheres: their files are not read."""
     for element in [reduced, *_iter_descendants(reduced)]:
         for geom in element.iter_children("geom"):
             mesh = geom.attributes.pop("mesh", None)
@@ -281,8 +281,9 @@ def _check_meshes(reduced: Element, fail: _Fail) -> None:
                 continue
             if not massless:
                 raise fail(
-                    f"The mass of its body comes from the mesh '{mesh}', but the mesh file is missing; add the "
-                    "<inertial> of the body.",
+                    f"The mass of its body comes from the mesh '{mesh}', and mesh files are not read: add the "
+                    "<inertial> of the body. Its mass, pos, quat and diaginertia are body_mass, body_ipos, body_iquat "
+                    "and body_inertia of mujoco.MjModel.from_xml_path, which reads the meshes.",
                     geom.line,
                 )
             # Without mass its size has no effect on the dynamics.

@@ -156,6 +156,9 @@ _WIDEST = 3.0
 """Times the reach up to which a link's centre of mass, or its radius of gyration, may be from its joint: 0.6 in
 descriptions that are right, and 30 and more with mm taken for m."""
 
+_LONGEST_END, _SHORTEST = 3.0, 0.02
+"""Distance in m of a centre of mass from its joint above which it is in mm; and the smallest robot that is measured."""
+
 _SMALL = 1e-3
 
 
@@ -199,6 +202,24 @@ class DescriptionUnits:
         return ", ".join(text for text in (masses, centres, inertias) if text)
 
 
+def measure_reach(robot: Robot) -> float:
+    """Return the length in m of the robot from its base, all links stretched.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+    reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
+    if robot.inertias is None:
+        return reach
+    # No joint says how long a link at an end is, such as a pendulum: as long as its centre of mass is far, in m.
+    ends = np.isin(np.arange(robot.n), [joint.parent for joint in robot.joints], invert=True)
+    links = robot.inertias[ends & (robot.inertias[:, 9] > 0.0)]
+    centres = np.linalg.norm(links[:, 6:9], axis=1) / links[:, 9]
+    return reach + float(centres[centres < _LONGEST_END].sum())
+
+
 def find_description_units(robot: Robot) -> DescriptionUnits | None:
     """Find the units of a description's masses, from its own numbers alone.
 
@@ -214,12 +235,12 @@ def find_description_units(robot: Robot) -> DescriptionUnits | None:
     """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
-    reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
+    reach = measure_reach(robot)
     links = robot.inertias[robot.inertias[:, 9] > 0]
-    # Without a length nothing can be compared.
-    if reach <= 0.0:
-        return None
     masses = links[:, 9]
+    # Without a length nothing can be compared.
+    if reach < _SHORTEST:
+        return None
     mass = _SMALL if masses.sum() > _HEAVIEST * reach**2 else 1.0
     # The median over the links: a single link may have an odd centre of mass, a unit is wrong for all of them.
     centre = float(np.median(np.linalg.norm(links[:, 6:9], axis=1) / masses))

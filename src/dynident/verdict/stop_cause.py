@@ -12,7 +12,7 @@ from dynident.errors import Remedy
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.identification.recording_faults import CAUSES, check_recording_faults
-from dynident.identification.thresholds import OVERFIT, STOP
+from dynident.identification.thresholds import LARGEST_CONDITION_NUMBER, OVERFIT, STOP
 from dynident.number_format import format_percent
 from dynident.recordings import Check, Recording, Revision
 from dynident.recordings.recording_metadata import DELAY
@@ -132,7 +132,7 @@ def find_stop_cause(
     if (
         data_name == "held out"
         and identification.fit.relative_total * OVERFIT < error.relative_total
-        and _are_most_joints_bad(error)
+        and (_are_most_joints_bad(error) or identification.equilibrated_condition_number > LARGEST_CONDITION_NUMBER)
     ):
         return Stop(
             f"The model leaves {format_percent(identification.fit.relative_total, decimals=0)} of the torque "
@@ -146,7 +146,7 @@ def find_stop_cause(
 
 
 def _are_most_joints_bad(error: Errors) -> bool:
-    """Return whether most joints are bad: a single bad joint would point at its own column."""
+    """Return whether most joints are bad: a single bad joint would point at its own column, if its motion is enough."""
     relative = error.relative[error.counts > 0]
     return bool((relative > STOP).mean() > 0.5)
 

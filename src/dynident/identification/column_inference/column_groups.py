@@ -283,10 +283,10 @@ def group_columns(
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
     joints = [joint_names.index(name) if name in joint_names else None for name in described or joint_names]
-    numbered, why = _group_by_number(named, used, joints, alive, clocks)
+    numbered, why, of_locked = _group_by_number(named, used, joints, alive, clocks)
     by_stem |= numbered
     reasons |= why
-    used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
+    used = {index for group in by_stem.values() for index in group.values()} | in_ours | {*following, *of_locked}
     groups, counted, shortened = ours, list[ColumnGroup](), list[ColumnGroup]()
     for stem, group in by_stem.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
@@ -425,10 +425,10 @@ def _group_by_number(
     joints: Sequence[int | None],
     alive: BoolArray | None,
     clocks: Collection[int],
-) -> tuple[_Stems, _Reasons]:
+) -> tuple[_Stems, _Reasons, set[int]]:
     """Group columns whose names differ by one number that counts all joints, from 0, from 1, or all from another.
 
-    `joints` are those of the description: their numbers, None where they are locked.
+    `joints` are those of the description: their numbers, None where they are locked. Their columns come last.
     """
     n = len(joints) - joints.count(None)
     stems = _list_counted_columns(named, used, n, clocks)
@@ -439,7 +439,7 @@ def _group_by_number(
         for number, index in members.items()
         if alive is not None and not alive[index] and named[index].signal in _EFFORTS
     }
-    by_stem, reasons = _Stems(), _Reasons()
+    by_stem, reasons, of_locked = _Stems(), _Reasons(), set[int]()
     # A name may hold several numbers, and only one of them counts the joints: the one with as many as these first.
     for stem, members in sorted(stems.items(), key=lambda pair: (len(pair[1]) != n, -len(pair[1]))):
         first, last = min(members), max(members)
@@ -448,7 +448,7 @@ def _group_by_number(
         if n < len(joints) == len(members):
             by_stem[stem] = {joint: members[first + k] for k, joint in enumerate(joints) if joint is not None}
             reasons[stem] = f"the joints are counted from {first} in the names, locked ones included"
-            used = used | set(members.values())
+            used, of_locked = used | set(members.values()), of_locked | set(members.values())
             continue
         behind = [index for number, index in members.items() if number >= first + n]
         # As many as joints, or more of which none behind the joints ever has a torque: places of joints it does not
@@ -462,7 +462,7 @@ def _group_by_number(
             reasons[stem] += f"; the {len(behind)} behind them never {'have a torque' if moves else 'change'}"
         used = used | set(members.values())
     pendant, why = _group_by_pendant_names(named, used, n)
-    return by_stem | pendant, reasons | why
+    return by_stem | pendant, reasons | why, of_locked
 
 
 def _list_counted_columns(named: Sequence[ColumnName], used: set[int], n: int, clocks: Collection[int]) -> _Stems:

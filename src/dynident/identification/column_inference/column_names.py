@@ -41,7 +41,7 @@ _WORDS: dict[Signal, frozenset[str]] = {
     "segment": _split_words("segment run episode"),
 }
 _OTHER = _split_words(
-    "tcp cartesian cart force fx fy fz quaternion quat digital analog io state_id safety voltage volt "
+    "tcp ee eef cartesian cart force fx fy fz quaternion quat digital analog io state_id safety voltage volt "
     "power payload gripper error err residual bits"
 )
 _STATES = _split_words("status mode")  # as the last word; before a signal they are the message's

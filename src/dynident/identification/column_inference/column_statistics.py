@@ -1,4 +1,4 @@
-"""Statistics of a sample's columns: which is a clock, which changes, which is the slope of which."""
+"""Statistics of a sample's columns: which is a clock, which changes, which has steps."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from dynident.errors import Remedy
 from dynident.identification.column_inference.metadata_proposal import Question, UnitGuess
 from dynident.recordings.file_source import describe_bursts, find_bursts
 from dynident.recordings.sampling_clock import GAP_PERIODS
+from dynident.recordings.signal_spectra import fill_gaps, find_rate_by_slopes
 from dynident.recordings.time_columns import find_unfilled
 from dynident.recordings.units import FACTORS
-
-SLOPE = 0.9
-"""Correlation above which one column is taken for the slope of another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +34,8 @@ class Sample:
         How the file was read, for the user.
     stated : dict of str to str
         What the user says that columns are, as our name of each.
+    has_stated_rate : bool
+        Whether the time was made of the number of the row and a rate that the user states.
     """
 
     names: tuple[str, ...]
@@ -43,6 +43,7 @@ class Sample:
     units: dict[str, str]
     remarks: tuple[str, ...] = ()
     stated: dict[str, str] = field(default_factory=dict)
+    has_stated_rate: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ _TICKS = ((1.2e17, 1.5e17), (6.2e17, 6.6e17))
 """Times from 1981 to 2076 in ticks of 100 ns since 1601, as Windows counts them, and from 1965 to 2091 since year 1."""
 _DAYS = ((36_526.0, 55_153.0), (730_486.0, 749_113.0))
 """Times from 2000 to 2050 in days, as spreadsheets count them from 1900, and MATLAB from year 0."""
+_SHORTEST_RUN = 16
+"""Rows of a run, at least, on average: a joint that sweeps within a grid of poses also rises and starts again."""
 _BEGINS = 5.0
 """Steps from the first row's time within which a clock that starts again begins."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
@@ -183,6 +186,8 @@ def find_clock_columns(values: FloatArray) -> list[int]:
         middle = float(np.median(steps))
         # A clock may start again with every run of a file, from where it began.
         later = values[whole[0] + 1 : whole[-1] + 1, column]
+        if _SHORTEST_RUN * np.count_nonzero(steps < 0) > len(steps):
+            continue
         forward = (steps >= 0) | (later <= values[whole[0], column] + _BEGINS * middle)
         if middle > 0 and forward.mean() > 0.995 and np.mean(np.abs(steps - middle) < 0.9 * middle) > 0.7:
             clocks.append(column)
@@ -245,70 +250,6 @@ def is_counter(values: FloatArray, column: int) -> bool:
     """
     # Rows may be missing, so nearly all steps are enough.
     return bool((np.diff(values[:, column]) == 1.0).mean() > 0.999)
-
-
-def smooth_columns(values: FloatArray, width: int) -> FloatArray:
-    """Return means over `width` rows, twice, without the ends (m, columns)."""
-    if width <= 1:
-        return values
-    # Running means by cumulative sums take a time that does not depend on the width.
-    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
-    once = (total[width:] - total[:-width]) / width
-    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), once]), axis=0)
-    return np.asarray((total[width:] - total[:-width]) / width)
-
-
-def fill_gaps(values: FloatArray) -> FloatArray:
-    """Return the values with gaps filled by straight lines between the numbers."""
-    result = np.array(values, dtype=np.float64)
-    rows = np.arange(len(values))
-    for column in range(values.shape[1]):
-        good = np.isfinite(values[:, column])
-        if good.any() and not good.all():
-            result[:, column] = np.interp(rows, rows[good], values[good, column])
-    return result
-
-
-def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Correlate the slope of every column with every other column.
-
-    Parameters
-    ----------
-    t : (m,)
-        In s.
-    values : (m, c)
-        Values of all columns.
-
-    Returns
-    -------
-    correlation, factor : (c, c)
-        Of the slope of column i with column j; and column j = factor x slope of column i.
-    """
-    # A clock may start again with every run of a file: a slope must not reach across that.
-    steps = np.diff(t)
-    rate = len(t) / max(float(steps[steps > 0].sum()), 1e-9)
-    # Smooth over 40 ms: differences of positions from row to row would be mostly noise of the encoder.
-    width = max(1, int(rate * 0.04))
-    restarts = np.concatenate([[0], np.cumsum(steps < 0)])
-    steady = smooth_columns(np.column_stack([t, fill_gaps(values)]), width)
-    t, values = steady[:, 0], steady[:, 1:]
-    reach = max(1, width)
-    step = t[2 * reach :] - t[: -2 * reach]
-    span = len(restarts) - len(step)
-    one_run = restarts[span:] == restarts[:-span]
-    good = one_run & (step > 0) & (step < 20 * max(float(np.median(step)), 1e-12))
-    rise = (values[2 * reach :] - values[: -2 * reach])[good] / step[good][:, None]
-    middle = values[reach:-reach][good]
-    if len(rise) < 16:
-        nothing = np.zeros((values.shape[1], values.shape[1]))
-        return nothing, nothing
-    size = np.sqrt((rise**2).sum(axis=0))
-    other = np.sqrt((middle**2).sum(axis=0))
-    inner = rise.T @ middle
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.nan_to_num(inner / (size[:, None] * other[None, :]))
-        factor = np.nan_to_num(inner / (size[:, None] ** 2))
-    return np.asarray(correlation), np.asarray(factor)
 
 
 def compute_roughness(values: FloatArray) -> FloatArray:
@@ -492,3 +433,67 @@ def _are_continuous(signals: FloatArray, ends: IntArray) -> bool:
     smooth = (usual > 0.0) & (np.median(np.abs(np.diff(signals, 2, axis=0)), axis=0) < usual)
     ratios = np.median(changes[ends], axis=0)[smooth] / usual[smooth]
     return bool(len(ratios) and 1.0 / _ALIKE < np.median(ratios) < _ALIKE)
+
+
+def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
+    """Return the columns that change; or all of them, where only all make whole signals of n joints.
+
+    Parameters
+    ----------
+    columns : sequence of int
+        Numbers of the columns in question.
+    values : (m, c)
+        Values of all columns.
+    alive : (c,)
+        Which columns change.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    list of int
+        Numbers of the columns that are left.
+    """
+    # A second clock, or a counter of rows, is no signal of a joint.
+    running = {*find_clock_columns(values), *(index for index in columns if _counts_on(values[:, index]))}
+    numbers = [index for index in columns if np.isfinite(values[:, index]).all() and index not in running]
+    moving = [index for index in numbers if alive[index]]
+    return numbers if len(moving) % n and not len(numbers) % n else moving
+
+
+_FEWEST_SECONDS = 5
+
+
+def _counts_on(values: FloatArray) -> bool:
+    """Return whether a column (m,) rises by equal steps with many rows between them, as a clock of whole seconds."""
+    steps = np.diff(values)
+    counts = steps[steps != 0.0]
+    return _FEWEST_SECONDS <= len(counts) < 0.5 * len(steps) and bool(np.allclose(counts, abs(counts[0]), rtol=1e-6))
+
+
+_RIGHT, _RATIOS_OF_UNITS, _GEARED = 0.05, (1.0, 30.0 / np.pi, np.pi / 30.0, 1.0 / 6.0), 20.0
+"""Share by which a stated rate may miss that of the velocities; and ratios with other causes: rpm of rad or degrees, or
+the reverse; from the last on degrees, or gears."""
+
+
+def ask_for_other_rate(sample: Sample, clock: Clock) -> Question | None:
+    """Ask for another rate than the stated one, where columns are the derivatives of others at another; else None.
+
+    Parameters
+    ----------
+    sample : Sample
+        The rows.
+    clock : Clock
+        Their time.
+    """
+    rate = find_rate_by_slopes(np.delete(sample.values, clock.column, axis=1)) if sample.has_stated_rate else 0.0
+    ratio = rate / clock.rate
+    known = any(abs(ratio / factor - 1.0) < _RIGHT for factor in _RATIOS_OF_UNITS)
+    if known or not 1.0 / _GEARED < ratio < _GEARED:
+        return None
+    remedy = Remedy("rate", rate)
+    detail = (
+        f"At {clock.rate:.4g} Hz the velocities are {ratio:.3g} times the derivatives of the positions; at {rate:g} Hz "
+        f"they are right: {remedy}."
+    )
+    return Question("units/t", detail, check="clock_rate", remedies=(remedy,))

@@ -197,4 +197,4 @@ def read_sample(path: Path, rate: float | None = None) -> Sample:
         if n_rows >= source.sample_rows:
             break
     values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
-    return Sample(tuple(source.names), values, source.units, source.remarks)
+    return Sample(tuple(source.names), values, source.units, source.remarks, has_stated_rate=rate is not None)

@@ -19,12 +19,10 @@ from dynident.identification.column_inference.column_groups import (
     group_few_joints,
 )
 from dynident.identification.column_inference.column_statistics import (
-    SLOPE,
     Clock,
     Sample,
-    correlate_slopes,
+    ask_for_other_rate,
     drop_empty_rows,
-    fill_gaps,
     find_changing_columns,
     find_clock_columns,
     find_converter_zero,
@@ -77,6 +75,7 @@ from dynident.identification.column_inference.unnamed_columns import (
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.joint_phases import STANDS
 from dynident.recordings.recording_metadata import EffortKind
+from dynident.recordings.signal_spectra import SLOPE, correlate_slopes, fill_gaps
 from dynident.recordings.units import MOMENTS, find_common_ratio, find_conversion
 from dynident.robot import Robot
 from dynident.robot.description_and_json import list_described_joints, set_base
@@ -140,6 +139,7 @@ class _ColumnInference(WorkingProposal):
         if clock is None:
             return self._finish(kind)
         self.clock = clock
+        self.questions += filter(None, [ask_for_other_rate(sample, clock)])
         self.t = sample.values[:, clock.column] * clock.factor
         segment = find_segment_column(self)
         good = np.isfinite(self.t)
@@ -295,8 +295,9 @@ class _ColumnInference(WorkingProposal):
 
     def _describe_candidates(self, groups: list[ColumnGroup], signals: tuple[str, ...], name: str) -> str:
         """Say which columns may be a signal that was not recognised, or where else it may be."""
-        further = describe_further_joints(self.column_names, self.robot.n, signals)
-        if further:
+        known = {index for group in groups if group.signal is not None for index in group.columns}
+        unknown = [named for index, named in enumerate(self.column_names) if index not in known]
+        if further := describe_further_joints(unknown, self.robot.n, signals):
             return further
         detail = f" If they are in another file, {TOGETHER}."
         detail += describe_waves(self.column_names) if name == "position" else ""

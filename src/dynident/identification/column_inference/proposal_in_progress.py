@@ -13,13 +13,14 @@ from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName, count_external_axis, read_names
-from dynident.identification.column_inference.column_statistics import Sample, fill_gaps
+from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_servo_gains
 from dynident.recordings.columns_to_signals import NOT_RECORDED, compute_servo_error
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind, RecordingError
+from dynident.recordings.signal_spectra import fill_gaps
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
 

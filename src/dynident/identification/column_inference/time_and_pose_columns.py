@@ -17,7 +17,6 @@ from dynident.identification.column_inference.column_statistics import (
     CLOCK_FACTORS,
     Clock,
     ask_for_rate_of_bursts,
-    fill_gaps,
     find_clock_columns,
     is_counter,
     read_clock,
@@ -35,6 +34,7 @@ from dynident.recordings.file_source import find_bursts
 from dynident.recordings.pose_recordings import are_poses
 from dynident.recordings.recording_metadata import EffortKind, RecordingError, RecordingMetadata
 from dynident.recordings.sampling_clock import GAP_PERIODS
+from dynident.recordings.signal_spectra import fill_gaps, find_rate_by_slopes
 from dynident.recordings.time_columns import is_time_name
 from dynident.robot import Robot
 from dynident.robot.pinocchio_conversion import compute_described_torque
@@ -111,10 +111,8 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             return None
         # More columns than rows, each row of one signal: what a matrix gives that is written as it lies in memory.
         if len(names) > _MOST_COLUMNS and len(values) < len(names):
-            lying = (
-                f"The file has {len(names)} columns and {len(values)} rows of numbers: it seems that each row is a "
-                "signal. Write one row for each moment, with a column for each signal (transpose the file)."
-            )
+            lying = f"The file has {len(names)} columns and {len(values)} rows of numbers: it seems that each row is a"
+            lying += " signal. Write one row for each moment, with a column for each signal (transpose the file)."
             work.add_question("columns/t", lying)
             return None
         if (coarse := _ask_for_rate(work)) is not None:
@@ -122,7 +120,9 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             return None
         missing = "No column looks like a clock: which column is the time, and in which unit? If the file has no time,"
         detail = f"{missing} give the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
-        work.add_question("columns/t", detail, names)
+        remedies = tuple(Remedy("rate", rate) for rate in [find_rate_by_slopes(values)] if rate)
+        detail += f" As the derivatives of other columns, velocities say: {remedies[0]}." if remedies else ""
+        work.questions.append(Question("columns/t", detail, names, remedies=remedies))
         return None
     name = names[choice.column]
     if name not in work.sample.stated and (bursts := ask_for_rate_of_bursts(name, values, choice)):
@@ -418,7 +418,8 @@ _STATES = 400
 def drop_dependent_questions(work: WorkingProposal) -> None:
     """Drop what follows from a clock that is in doubt, or from too few rows: these are asked first."""
     if any(question.field == "units/t" for question in work.questions):
-        work.questions = [
+        of_rate = [question for question in work.questions if question.check == "clock_rate"]
+        work.questions = of_rate or [
             question
             for question in work.questions
             if not question.check and question.field not in ("effort_kind", "units/tau")

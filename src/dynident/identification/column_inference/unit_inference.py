@@ -16,6 +16,7 @@ from dynident.number_format import format_percent
 from dynident.recordings.recording import JointKind
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
+from dynident.robot.pseudo_inertia import measure_reach
 
 LEAST_MOTION = np.deg2rad(3.5)
 """rad: in every recording at least one joint moves that far."""
@@ -23,11 +24,9 @@ LEAST_MOTION = np.deg2rad(3.5)
 HARDLY_MOVES = np.deg2rad(10.0)
 """rad: angles said to be degrees that stay within this may be radians."""
 
-MOST_MOTION = 4.0 * np.pi * 1.05
-"""rad: no joint moves further; two turns, and a little."""
-
-CLEARLY = 1.25
-"""Ratio of the unexplained shares above which another unit is ruled out."""
+MOST_MOTION, CLEARLY = 4.0 * np.pi * 1.05, 1.25
+"""rad: no joint with limits moves further; two turns, and a little. A pendulum that turns over may go twice as far. The
+second is the ratio of the unexplained shares above which another unit is ruled out."""
 
 
 WELL_KNOWN = (
@@ -296,15 +295,15 @@ def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, hig
     factor = get_factor("q", "revolute", unit)
     for place, joint in enumerate(turning):
         limits = robot.joints[joint].reach
-        if factor * (high[place] - low[place]) > MOST_MOTION:
-            return False
-        if limits is not None and limits[1] > limits[0]:
+        is_limited = limits is not None and limits[1] > limits[0]
+        most = MOST_MOTION if is_limited or unit != "rad" else 2.0 * MOST_MOTION
+        if limits is not None and is_limited:
             tolerance = 0.05 * (limits[1] - limits[0]) + 0.1
             # Only the width of the motion is compared with the limits: the zero may be another, and a turn more or
             # less is the same place.
             if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + tolerance:
                 return False
-        if abs(factor) * max(abs(low[place]), abs(high[place])) > MOST_MOTION:
+        if abs(factor) * max(high[place] - low[place], abs(low[place]), abs(high[place])) > most:
             return False
     return True
 
@@ -389,7 +388,7 @@ def guess_rate_unit(signal: str, kind: str, factor: float, stated: str | None) -
 
 def compute_reach(robot: Robot) -> float:
     """Return the length in m of the robot from its base, all links stretched; 0.3 where the tree says nothing."""
-    return max(0.3, sum(float(np.linalg.norm(joint.placement[:3, 3])) for joint in robot.joints))
+    return max(0.3, measure_reach(robot))
 
 
 def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float) -> UnitGuess:

@@ -12,16 +12,17 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.column_inference.column_groups import ColumnGroup, infer_by_elimination
 from dynident.identification.column_inference.column_names import ColumnName, Signal
 from dynident.identification.column_inference.column_statistics import (
-    SLOPE,
     compute_roughness,
-    correlate_slopes,
-    find_clock_columns,
+    select_whole_signals,
 )
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.number_format import format_percent
+from dynident.recordings.signal_spectra import SLOPE, correlate_slopes
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
+_SAME_FACTOR = 0.02
+"""Relative difference of the factors of velocities over slopes, which differ by noise and filters alone."""
 _GAP = 3.0
 """Ratio of the smoothest torque's roughness to the roughest position's, at least."""
 MeasureUnexplained = Callable[[tuple[int, ...], tuple[int, ...]], float]
@@ -91,6 +92,8 @@ def identify_unnamed_columns(
         return _split_four_blocks(t, part, columns, n)
     if len(columns) != 2 * n:
         return None
+    if n > 1 and (rates := _split_positions_and_rates(t, part, columns, n)) is not None:
+        return rates
     # Positions are integrals of what torques cause, and much smoother.
     rough = compute_roughness(part)
     order = np.argsort(rough)
@@ -167,6 +170,21 @@ def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], 
     return UnnamedColumns(q, dq, tau, "two blocks of columns are the first and second derivative of another")
 
 
+def _split_positions_and_rates(
+    t: FloatArray, part: FloatArray, columns: Sequence[int], n: int
+) -> UnnamedColumns | None:
+    """Find positions and velocities without torques: slopes of one factor, which no torque is for all joints."""
+    correlation, factor = correlate_slopes(t, part)
+    for blocks in _list_layouts(n, 2):
+        for first, second in (blocks, blocks[::-1]):
+            pairs = [(i, j) for i, j in zip(first, second, strict=True) if correlation[i, j] > SLOPE]
+            factors = np.array([factor[pair] for pair in pairs])
+            if 2 * len(pairs) > n and len(pairs) > 1 and np.ptp(factors) <= _SAME_FACTOR * factors.max():
+                q, dq = (tuple(columns[index] for index in block) for block in (first, second))
+                return UnnamedColumns(q, dq, (), "one half of the columns are the derivatives of the other")
+    return None
+
+
 def _split_two_blocks(
     columns: Sequence[int], n: int, unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float]
 ) -> UnnamedColumns | None:
@@ -196,32 +214,6 @@ def _list_layouts(n: int, signals: int) -> list[list[list[int]]]:
     return [by_signal, by_joint]
 
 
-def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
-    """Return the columns that change; or all of them, where only all make whole signals of n joints.
-
-    Parameters
-    ----------
-    columns : sequence of int
-        Numbers of the columns in question.
-    values : (m, c)
-        Values of all columns.
-    alive : (c,)
-        Which columns change.
-    n : int
-        Number of joints.
-
-    Returns
-    -------
-    list of int
-        Numbers of the columns that are left.
-    """
-    # A second clock, or a counter of rows, is no signal of a joint.
-    running = {*find_clock_columns(values), *(index for index in columns if _counts_on(values[:, index]))}
-    numbers = [index for index in columns if np.isfinite(values[:, index]).all() and index not in running]
-    moving = [index for index in numbers if alive[index]]
-    return numbers if len(moving) % n and not len(numbers) % n else moving
-
-
 def find_forces(groups: Sequence[ColumnGroup], *, slide: bool) -> list[ColumnGroup]:
     """Return the columns of all joints whose names say force: torques of joints that slide, of others efforts.
 
@@ -238,16 +230,6 @@ def find_forces(groups: Sequence[ColumnGroup], *, slide: bool) -> list[ColumnGro
         for group in groups
         if group.signal == "other" and {"force", "forces"} & set(group.named.words)
     ]
-
-
-_FEWEST_COUNTS = 5
-
-
-def _counts_on(values: FloatArray) -> bool:
-    """Return whether a column (m,) rises by equal steps with many rows between them, as a clock of whole seconds."""
-    steps = np.diff(values)
-    counts = steps[steps != 0.0]
-    return _FEWEST_COUNTS <= len(counts) < 0.5 * len(steps) and bool(np.allclose(counts, abs(counts[0]), rtol=1e-6))
 
 
 def describe_unknown_groups(groups: Sequence[ColumnGroup], shown: Callable[[ColumnGroup], str], signal: str) -> str:
@@ -361,7 +343,7 @@ def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
 
 
 def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
-    """Return the group whose name has no word that the others lack, where these all have more: torque, torque_raw.
+    """Return the only group whose name says measured, or that has no word that the others lack: torque, torque_raw.
 
     Parameters
     ----------
@@ -369,6 +351,9 @@ def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
         Groups of one signal and rank, at least one.
     """
     words = [{word for word in group.named.words if not word.isdigit()} for group in groups]
+    measured = [group for group, own in zip(groups, words, strict=True) if "measured" in own]
+    if len(measured) == 1:
+        return measured[0]
     shortest = min(range(len(groups)), key=lambda place: len(words[place]))
     others = (other for place, other in enumerate(words) if place != shortest)
     return groups[shortest] if all(words[shortest] < other for other in others) else None
@@ -462,7 +447,7 @@ def _order_by_joint(
     work: WorkingProposal, kinds: UnnamedColumns, pool: list[int], measure: MeasureUnexplained
 ) -> list[ColumnGroup]:
     """Return unnamed columns of every kind in the robot's order: that of the pool, if nothing contradicts it."""
-    named = [work.column_names[columns[0]] for columns in (kinds.positions, kinds.efforts)]
+    named = [work.column_names[columns[0]] for columns in (kinds.positions, kinds.efforts or kinds.positions)]
     positions, efforts = list(kinds.positions), list(kinds.efforts)
     place = {column: k for k, column in enumerate(pool)}
     regular = all(is_in_order([place[column] for column in of_signal]) for of_signal in (positions, efforts))
@@ -477,10 +462,9 @@ def _order_by_joint(
         q, tau = work.values[:, positions], work.values[:, efforts]
         order, _ = assign_torques(work.t, q, tau)
         efforts = [efforts[index] for index in order]
-    groups = [
-        ColumnGroup(tuple(positions), "q", None, 0, named[0], reason),
-        ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason),
-    ]
+    groups = [ColumnGroup(tuple(positions), "q", None, 0, named[0], reason)]
+    if efforts:
+        groups.append(ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason))
     if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
         groups.append(ColumnGroup(kinds.rates, "dq", None, 0, work.column_names[kinds.rates[0]], reason))
     return groups

@@ -11,7 +11,7 @@ import math
 import sqlite3
 import time
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import chain, count, zip_longest
@@ -37,11 +37,27 @@ def read_ros1_messages(path: Path) -> Iterator[PackedMessage]:
     """Yield the messages that hold signals of joints, by their time."""
     with _open_reader(path) as reader:
         connections = [candidate for candidate in reader.connections if normalise_type(candidate.msgtype) in KNOWN]
-        if not connections:
-            return
+        if not connections and reader.connections:
+            raise _refuse_topics((other.topic, other.msgtype) for other in reader.connections)
         for connection, stamp, data in reader.messages(connections=connections):
             text = connection.msgdef.data
             yield PackedMessage(connection.topic, normalise_type(connection.msgtype), text, stamp, bytes(data))
+
+
+def _refuse_topics(topics: Iterable[tuple[str, str]]) -> RecordingError:
+    """Return the error of a bag that has topics (name, type), but none with signals of joints."""
+    names = [f"{name} ({kind})" for name, kind in topics]
+    shown = ", ".join(names[:_SHOWN]) + (", …" if len(names) > _SHOWN else "")
+    return RecordingError(
+        f"The bag contains no joint states, but {shown}. If one of them holds positions and torques, write it as CSV "
+        "(rostopic echo -b run.bag -p TOPIC > run.csv; ros2 topic echo --csv TOPIC > run.csv while the bag plays); or "
+        "record messages of the type sensor_msgs/JointState, with position and effort.",
+        title=TITLE,
+    )
+
+
+_SHOWN = 6
+"""Topics that a message lists."""
 
 
 class _BoundedPath:
@@ -203,7 +219,12 @@ class _Bag:
         """Return name and type of the topics that hold signals of joints, by their keys."""
         rows = self._fetch_rows("SELECT id, name, type FROM topics")
         check_columns(len(rows))
-        return {key: (str(name), str(kind)) for key, name, kind in rows if kind in KNOWN and isinstance(key, int)}
+        known: dict[object, tuple[str, str]] = {
+            key: (str(name), str(kind)) for key, name, kind in rows if kind in KNOWN and isinstance(key, int)
+        }
+        if rows and not known:
+            raise _refuse_topics((str(name), str(kind)) for _, name, kind in rows)
+        return known
 
     def read_definitions(self) -> dict[str, str]:
         """Return the texts that define types, if the bag has them."""
