@@ -285,6 +285,9 @@ FEWEST_BURSTS, LONGEST_BURST = 3, 200
 UNEVEN_ROWS, UNEVEN_TIMES = 0.25, 0.5
 """Shares of the usual one by which the rows of a burst, and the time from one to the next, may differ."""
 
+MOST_OF_STEP = 0.5
+"""Usual time between rows, over that of rows spread evenly, up to which they come in bursts."""
+
 
 def find_bursts(last_rows: IntArray, times: FloatArray, step: float) -> tuple[int, float]:
     """Return how many rows come at a time where a buffer is read now and then, and the rate that they were sampled at.
@@ -314,7 +317,9 @@ def find_bursts(last_rows: IntArray, times: FloatArray, step: float) -> tuple[in
     # with the rows of any recording whose gaps are short.
     gap = float(np.median(spans - (rows - 1) * step))
     is_delayed = np.quantile(np.abs(spans - rows / rate), 0.9) <= UNEVEN_ROWS * gap and np.ptp(rows) > 1
-    if burst > LONGEST_BURST or not (is_even or is_delayed):
+    # Rows of a burst come much closer together than they were sampled; else they have times of their own.
+    has_times = step * rate > MOST_OF_STEP
+    if burst > LONGEST_BURST or has_times or not (is_even or is_delayed):
         return 0, 0.0
     return round(burst), rate
 
