@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -536,3 +537,21 @@ def test_checks_of_a_long_recording_take_a_few_seconds_at_most(tmp_path):
     start = time.process_time()
     import_recording(source, tmp_path / "stored", RecordedJoints(JOINTS))
     assert time.process_time() - start < 8.0
+
+
+def test_the_force_of_a_sliding_joint_saturates_in_newtons(tmp_path):
+    columns = motion()
+    columns["tau2"] = np.minimum(columns["tau2"], np.quantile(columns["tau2"], 0.97))
+    for kind, unit in (("prismatic", "N)"), ("revolute", "N m)")):
+        limits = tuple(replace(limit, kind=kind) for limit in LIMITS)
+        detail = found(tmp_path, columns, "saturation", limits=limits).detail
+        assert detail.partition("extreme value (")[2].split(" ", 1)[1].startswith(f"{unit} for")
+
+
+def test_the_check_of_the_source_of_the_torque_names_a_current_that_gains_are_used_for(tmp_path):
+    columns = motion()
+    assert found(tmp_path, columns, "torque_source").column == ""
+    currents = {name.replace("tau", "current"): values for name, values in columns.items()}
+    source, joints = write_parquet(tmp_path / "current.parquet", currents), RecordedJoints(JOINTS, gains=[1.0] * 3)
+    _, checks = import_recording(source, tmp_path / "stored", joints)
+    assert [check.column for check in checks if check.name == "torque_source"] == ["current1"]
