@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import DEFAULT_EFFECTS, LINKS, ReferenceParameters, get_role
+from dynident.effects import DEFAULT_EFFECTS, LINKS, ReferenceParameters, get_effect, get_role
 from dynident.estimation import (
     Reduction,
     compute_errors,
@@ -197,10 +197,11 @@ def describe_slow_motion(parameters: Sequence[IdentifiedParameter]) -> str | Non
     )
     if not inertias or not any(moments) or sum(inertias) >= _LEAST_DETERMINED * len(inertias):
         return None
-    return (
-        f"The motion shows gravity and friction, but hardly any inertia ({sum(inertias)} of {len(inertias)} moments of "
-        "inertia are determined): it is too slow or too short."
-    )
+    counted = f"hardly any inertia ({sum(inertias)} of {len(inertias)} moments of inertia are determined)"
+    if not any(get_effect(parameter.effect).is_friction for parameter in parameters):
+        # What friction leaves unexplained makes every estimate uncertain, however fast the motion is.
+        return f"The model shows gravity, but {counted}: it has no friction, or the motion is too slow or too short."
+    return f"The motion shows gravity and friction, but {counted}: it is too slow or too short."
 
 
 def _warn_of_unsettled(identification: Identification) -> list[str]:
