@@ -555,3 +555,13 @@ def test_the_check_of_the_source_of_the_torque_names_a_current_that_gains_are_us
     source, joints = write_parquet(tmp_path / "current.parquet", currents), RecordedJoints(JOINTS, gains=[1.0] * 3)
     _, checks = import_recording(source, tmp_path / "stored", joints)
     assert [check.column for check in checks if check.name == "torque_source"] == ["current1"]
+
+
+def test_errors_of_a_table_that_was_transposed_say_so(tmp_path):
+    columns = motion()
+    path = tmp_path / "turned.csv"
+    names = ("t", *(f"{kind}{joint}" for kind in ("q", "tau") for joint in (1, 2)))
+    path.write_text("\n".join(",".join([name, *(f"{value:.6g}" for value in columns[name])]) for name in names) + "\n")
+    with pytest.raises(RecordingError, match=r"tau3.*the table is transposed") as caught:
+        import_recording(path, tmp_path / "stored", RecordedJoints(JOINTS))
+    assert caught.value.pointer

@@ -6,6 +6,7 @@ Holds how many rows a sample has (262,144).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
@@ -277,6 +278,31 @@ def _to_whole_numbers(values: FloatArray, name: str, first_row: int) -> IntArray
             row=row + 1,
         )
     return values.astype(np.int64)
+
+
+@contextmanager
+def quote_remarks(remarks: Sequence[str]) -> Iterator[None]:
+    """Say in errors how a file was read: its columns and rows may not be those that the user sees in it.
+
+    Parameters
+    ----------
+    remarks : sequence of str
+        Those of the file.
+    """
+    try:
+        yield
+    except RecordingError as error:
+        if not remarks:
+            raise
+        raise RecordingError(
+            f"{error.detail} (How the file was read: {' '.join(remarks)})",
+            pointer=error.pointer,
+            title=error.title,
+            row=error.row,
+            time=error.time,
+            checks=error.checks,
+            remedies=error.remedies,
+        ) from error
 
 
 FEWEST_BURSTS, LONGEST_BURST = 3, 200
