@@ -1324,3 +1324,21 @@ def test_runs_of_rows_with_times_of_their_own_are_no_bursts() -> None:
     assert find_bursts(ends, times, step) == (0, 0.0)
     # The same rows, delivered together.
     assert find_bursts(ends, times, 4e-4) == (50, pytest.approx(50.0 / 0.833))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_positions_of_motors_beside_those_of_joints_tell_the_gear_ratios(seed: int) -> None:
+    given = log("ur10", seed)
+    columns, rng = given.columns(), np.random.default_rng(seed)
+    gears = rng.choice([-1.0, 1.0], 6) * rng.uniform(30.0, 160.0, 6)
+    links, torques = ({f"{name}_{k + 1}": columns[f"{ours}{k + 1}"] for k in range(6)} for name, ours in (
+        ("link_pos", "q"), ("torque", "tau")))  # fmt: skip
+    motors = {f"motor_pos_{k + 1}": gear * links[f"link_pos_{k + 1}"] + rng.normal() for k, gear in enumerate(gears)}
+    proposal = guess(given.robot, {"t": columns["t"]} | links | motors | torques)
+    (ratios,) = [each for each in proposal.guesses if each.field == "drives"]
+    assert [float(ratio) for ratio in ratios.value.split(", ")] == pytest.approx(gears, rel=1e-3)
+    assert proposal.columns["q1"] == "link_pos_1"
+    # A second encoder of the joints is no motor.
+    others = {f"motor_pos_{k + 1}": 1.01 * links[f"link_pos_{k + 1}"] for k in range(6)}
+    proposal = guess(given.robot, {"t": columns["t"]} | links | others | torques)
+    assert not any(each.field == "drives" for each in proposal.guesses)
