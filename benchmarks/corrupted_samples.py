@@ -1,6 +1,7 @@
 """Which corrupted samples are found, and what is called corrupted in clean recordings.
 
     PYTHONPATH=tests python benchmarks/corrupted_samples.py [--seed 1] [--arms 4] [--calibrate] [--held-out 5] [--sizes]
+        [--clocks 60]
 
 Arms are drawn, with motions along harmonics and from point to point, at several rates, with noise of several tails. In
 each of their recordings samples are spoilt: zeros, the largest value, a stuck one, spikes, single or in bursts.
@@ -13,6 +14,8 @@ most 1.2 times that, of samples of any size, and of small ones; and which share 
 many are named, and how many times what the clean recording leaves is left of the second one with the step, and without.
 `--calibrate` shows what the constants of `recordings/conditioning/corrupted_sample_detection.py` stand on: the swings
 of noise of several tails, and the largest of them, in usual steps. Take other seeds for it.
+`--clocks` draws so many recordings with a right clock, and with a wrong one, whose velocities are filtered and noisy.
+It shows what `_SAME`, `_OFF` and `_DELAYED` of `recordings/units.py` stand on, and how often one is named.
 """
 
 from __future__ import annotations
@@ -21,12 +24,14 @@ import argparse
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from common import FloatArray
 from planted_mistakes import ACCEPT, DATA, Columns, columns_of, recorded_robot
+from scipy.signal import butter, sosfilt
 from support.spoilt_recordings import KINDS, NOISES, N, arm_signals, corrupt
 
 from dynident.identification.recording_faults.column_faults import Motion
@@ -34,9 +39,18 @@ from dynident.identification.recording_faults.rows_for_fault_search import filte
 from dynident.identification.recording_faults.tree_fit import TreeFit
 from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.identification.robot_recording_import import build_recorded_joints
-from dynident.recordings import JointLimits, RecordedJoints, RecordingMetadata, import_recording
+from dynident.recordings import (
+    Check,
+    JointLimits,
+    RecordedJoints,
+    RecordingError,
+    RecordingMetadata,
+    import_recording,
+    position_checks,
+)
 from dynident.recordings.conditioning.corrupted_sample_detection import measure_usual_steps
 from dynident.recordings.recording_import import condition_arrays
+from dynident.recordings.units import find_common_ratio
 from dynident.robot import Robot
 
 RATES = (60.0, 100.0, 200.0, 500.0, 1000.0)
@@ -250,6 +264,56 @@ def _left(fits: list[tuple[TreeFit, FloatArray]], motion: Motion) -> FloatArray:
     return np.concatenate(shares)
 
 
+def clocks(seed: int, cases: int) -> None:
+    """Name wrong clocks in drawn recordings, and show how far right and wrong ones are apart."""
+    rng = np.random.default_rng(seed)
+    print("clock   motion    cases   named   spread of ratios (median, 90 %)   missed likeness / off (median, 90 %)")
+    for is_wrong, moves in product((False, True), (False, True)):
+        n_named, measured = 0, list[tuple[float, float]]()
+        for _ in range(cases):
+            rate, cutoff = float(rng.choice(RATES[1:])), 10.0 ** rng.uniform(0.0, 1.7)
+            t, values = arm_signals(int(rng.integers(10**6)), rate, 20.0, point_to_point=moves, level=0.005, count=1e-6)
+            dq = np.gradient(values[:, :N], t, axis=0)
+            # What drives report is filtered, and in steps of an encoder's count within some rows.
+            dq = sosfilt(butter(1, min(cutoff, 0.4 * rate), fs=rate, output="sos"), dq, axis=0)
+            dq += 10.0 ** rng.uniform(-4.0, -2.0) * dq.std(axis=0) * rng.normal(size=dq.shape)
+            step = 10.0 ** rng.uniform(-4.0, -2.0) * dq.std()
+            dq = step * np.round(dq / step)
+            factor = float(rng.uniform(1.07, 1.9) ** rng.choice([-1.0, 1.0])) if is_wrong else 1.0
+            names = [f"{kind}{k + 1}" for kind in ("q", "tau", "dq") for k in range(N)]
+            columns = {"t": factor * t} | dict(zip(names, np.column_stack([values, dq]).T, strict=True))
+            checks, (ratios, likeness) = _check_clock(columns)
+            n_named += any(check.name == "clock_rate" for check in checks)
+            if len(ratios) > 1:
+                off = max(abs(max(ratios) - 1.0), 1e-9)
+                measured.append(((max(ratios) - min(ratios)) / max(ratios), (1.0 - likeness) / off))
+        (same, delayed), (most_same, most_delayed) = np.quantile(np.array(measured), (0.5, 0.9), axis=0)
+        kind, of = "wrong" if is_wrong else "right", "moves" if moves else "harmonic"
+        print(
+            f"{kind:7} {of:9} {cases:5} {n_named / cases:7.1%} "
+            f"{same:15.2%} {most_same:12.2%} {delayed:18.3f} {most_delayed:12.3f}",
+            flush=True,
+        )
+
+
+def _check_clock(columns: Columns) -> tuple[tuple[Check, ...], tuple[list[float], float]]:
+    """Return the checks of a recording, and what the clock is told by: ratios of velocities, and their likeness."""
+    asked: list[tuple[list[float], float]] = []
+
+    def look(ratios: list[float], likeness: float) -> float:
+        asked.append((ratios, likeness))
+        return find_common_ratio(ratios, likeness)
+
+    with TemporaryDirectory() as folder, patch.object(position_checks, "find_common_ratio", look):
+        path = Path(folder) / "run.parquet"
+        pq.write_table(pa.table(columns), path)
+        try:
+            _, checks = import_recording(path, Path(folder) / "rows.parquet", JOINTS)
+        except RecordingError as error:
+            checks = error.checks
+    return checks, asked[-1] if asked else ([], 1.0)
+
+
 def calibrate(seed: int) -> None:
     """Show how many swings noise of several tails makes, and the largest."""
     rng = np.random.default_rng(seed)
@@ -269,7 +333,11 @@ def main() -> None:
     parser.add_argument("--calibrate", action="store_true")
     parser.add_argument("--held-out", type=int, default=0)
     parser.add_argument("--sizes", action="store_true")
+    parser.add_argument("--clocks", type=int, default=0)
     options = parser.parse_args()
+    if options.clocks:
+        clocks(options.seed, options.clocks)
+        return
     if options.sizes:
         sizes(options.seed)
         return

@@ -30,7 +30,8 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
 )
 from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
 from dynident.identification.recording_faults.unexplained_torque import is_proved_by_friction
-from dynident.recordings import Check, Recording, Revision
+from dynident.identification.robot_recording_import import refute_zeros
+from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.pseudo_inertia import find_description_units
 from dynident.verdict import verdict
@@ -626,3 +627,26 @@ def plain_urdf(n: int, seed: int) -> str:
             '<limit lower="-2" upper="2" velocity="2.5" effort="100"/></joint>'
         )
     return "".join(parts) + "</robot>"
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_zero_that_another_recording_speaks_against_is_another_load(seed: int) -> None:
+    """A load on the other side of the flange looks like another zero of the last joint, in its own recording alone."""
+    inertias = ROBOT.inertias.copy()
+    inertias[-1] += np.array([0.06, 0, 0, 0.06, 0, 0.01, 0.12, 0.0, 0.2, 2.0])
+    robot = replace(ROBOT, inertias=inertias)
+
+    def measure(drawn: int, off: float) -> Recording:
+        motion = fourier_motion(robot, 15.0, 100.0, drawn)
+        tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 1.5 * np.sign(motion.dq) + 2.0 * motion.dq
+        tau += 0.3 * np.random.default_rng(drawn).normal(size=tau.shape)
+        return replace(record(robot, replace(motion, q=motion.q + off * (np.arange(6) == 5)), tau), name=f"run{off:g}")
+
+    plain, turned, turned_too = measure(seed, 0.0), measure(seed + 10, -1.2), measure(seed + 20, -1.2)
+    checks = [tuple(findings(recording, robot)) for recording in (plain, turned, turned_too)]
+    as_is = [RecordingMetadata()] * 2
+    (_, (check,)) = refute_zeros(robot, [plain, turned], checks[:2], as_is)
+    assert (check.name, check.status, check.apply) == ("other_load", "warning", None)
+    assert "run0 speaks against it" in check.detail
+    assert refute_zeros(robot, [turned, turned_too], checks[1:], as_is) == checks[1:]
+    assert [check.name for own in checks for check in own] == ["joint_zero", "joint_zero"]

@@ -90,3 +90,18 @@ def test_friction_and_an_offset_are_one_where_a_joint_never_turns_back():
     oneway = record(ROBOT, replace(motion, q=q, dq=dq, ddq=ddq), tau)
     with pytest.raises(DynidentError, match=r"Fc2, b2.*one direction only"):
         identify(ROBOT, [oneway], choices=replace(CHOICES, effects=(*EFFECTS, EffectChoice("offset"))))
+
+
+def test_a_joint_that_moves_in_few_blocks_of_time_is_warned_of() -> None:
+    """Its rows count as independent, whatever they are, while those of the others are judged by blocks."""
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 20.0, 100.0, 3)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + np.sign(motion.dq) + motion.dq
+    tau += 0.1 * np.random.default_rng(3).normal(size=tau.shape)
+    whole = record(robot, motion, tau)
+    # Beyond these torques the last joint's drive saturates, but for three seconds.
+    tau[(motion.t < 8.0) | (motion.t > 11.0), 5] = 60.0
+    short = replace(record(robot, motion, tau), torque_ranges=((-np.inf, np.inf),) * 5 + ((-50.0, 50.0),))
+    few = "wrist_3_joint moves in fewer than 5 blocks of time"
+    assert any(few in warning for warning in identify(robot, [short]).warnings)
+    assert not any("blocks of time" in warning for warning in identify(robot, [whole]).warnings)

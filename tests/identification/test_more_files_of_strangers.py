@@ -17,11 +17,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
+from scipy.optimize import nnls
 from support.drawn_recordings import Log, guess, log, log_of, read, write
 from support.oracles import crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import load_robot, set_drive_gains
 from dynident.errors import DynidentError
+from dynident.identification.column_inference import dynamics_fits
 from dynident.identification.column_inference.column_names import list_spellings_by_joint, read_names
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
@@ -30,6 +32,7 @@ from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import describe_waves
 from dynident.identification.column_inference.unit_inference import compute_reach, guess_torque_unit
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
+from dynident.identification.recording_faults.description_fit import _fit
 from dynident.identification.recording_faults.fault_search import _find_turned_pair
 from dynident.identification.recording_faults.tree_fit import BLOCKS
 from dynident.identification.recording_faults.unexplained_torque import HeldOutFit, UnexplainedTorque
@@ -37,6 +40,7 @@ from dynident.identification.robot_recording_import import import_cured
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.cells_without_numbers import find_quantities
 from dynident.recordings.columns_to_signals import Column, Layout
+from dynident.recordings.file_source import find_bursts
 from dynident.recordings.formats import open_source
 from dynident.recordings.formats.packed_messages import find_labels, name_labelled_numbers
 from dynident.recordings.formats.text_streams import (
@@ -1279,3 +1283,62 @@ def test_an_external_axis_without_readings_is_no_motion(tmp_path: Path) -> None:
     ours = {f"q{k}": f"A{k}" for k in range(1, 7)} | {f"tau{k}": f"tau{k}" for k in range(1, 7)}
     found = read(given.robot, tmp_path, columns, columns=ours)
     assert not any("the description has no such joint" in check.detail for check in found.checks)
+
+
+def test_the_same_positions_and_torques_are_conditioned_and_filtered_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, counts = log("ur10", 3), {"condition_arrays": 0, "filter_motion": 0}
+
+    def count(name: str) -> None:
+        whole = getattr(dynamics_fits, name)
+
+        def counted(*arguments: object) -> object:
+            counts[name] += 1
+            return whole(*arguments)
+
+        monkeypatch.setattr(dynamics_fits, name, counted)
+
+    for name in counts:
+        count(name)
+    guess(given.robot, given.columns())
+    # Once for the rows that are used, and once as a recording, which all questions about it share.
+    assert counts == {"condition_arrays": 2, "filter_motion": 1}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_parameters_that_must_not_be_negative_are_those_of_nnls(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(20, 300, 6))
+    rows[:, :, 4] = 1.0
+    rows[:, :, 5] += rows[:, :, :4] @ rng.normal(size=4) + rng.normal()
+    # A constant of either sign, as two columns that are not negative.
+    expected = [nnls(np.column_stack([part[:, :5], -part[:, 4]]), part[:, 5])[0] for part in rows]
+    values = _fit(np.swapaxes(rows, 1, 2) @ rows)
+    assert values[:, :4] == pytest.approx(np.array(expected)[:, :4], abs=1e-6)
+    assert values[:, 4] == pytest.approx(np.array(expected)[:, 4] - np.array(expected)[:, 5], abs=1e-6)
+
+
+def test_runs_of_rows_with_times_of_their_own_are_no_bursts() -> None:
+    """Half a second of rows at 100 Hz, then a third of a second of none: no rate goes for all rows."""
+    ends, step = np.arange(49, 1000, 50), 0.01
+    times = ends * step + np.arange(len(ends)) * 0.333
+    assert find_bursts(ends, times, step) == (0, 0.0)
+    # The same rows, delivered together.
+    assert find_bursts(ends, times, 4e-4) == (50, pytest.approx(50.0 / 0.833))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_positions_of_motors_beside_those_of_joints_tell_the_gear_ratios(seed: int) -> None:
+    given = log("ur10", seed)
+    columns, rng = given.columns(), np.random.default_rng(seed)
+    gears = rng.choice([-1.0, 1.0], 6) * rng.uniform(30.0, 160.0, 6)
+    links, torques = ({f"{name}_{k + 1}": columns[f"{ours}{k + 1}"] for k in range(6)} for name, ours in (
+        ("link_pos", "q"), ("torque", "tau")))  # fmt: skip
+    motors = {f"motor_pos_{k + 1}": gear * links[f"link_pos_{k + 1}"] + rng.normal() for k, gear in enumerate(gears)}
+    proposal = guess(given.robot, {"t": columns["t"]} | links | motors | torques)
+    (ratios,) = [each for each in proposal.guesses if each.field == "drives"]
+    assert [float(ratio) for ratio in ratios.value.split(", ")] == pytest.approx(gears, rel=1e-3)
+    assert proposal.columns["q1"] == "link_pos_1"
+    # A second encoder of the joints is no motor.
+    others = {f"motor_pos_{k + 1}": 1.01 * links[f"link_pos_{k + 1}"] for k in range(6)}
+    proposal = guess(given.robot, {"t": columns["t"]} | links | others | torques)
+    assert not any(each.field == "drives" for each in proposal.guesses)

@@ -7,8 +7,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects.effect_choices import DEFAULT_EFFECTS, OFFSETS
+from dynident.effects.effect_choices import DEFAULT_EFFECTS, LINKS, OFFSETS
 from dynident.identification import IdentificationChoices, identify
+from dynident.identification.identified_models.fit_model import describe_slow_motion
 from dynident.recordings import Recording
 from dynident.robot import Robot
 from dynident.verdict import verdict
@@ -58,3 +59,12 @@ def test_a_motion_that_shows_inertia_is_not_called_slow(name: str) -> None:
     robot = arm(name)
     model = identify(robot, [recorded(robot, fourier_motion(robot, 20.0, 100.0, 3), 3, "fast")], [], CHOICES)
     assert not any("hardly any inertia" in warning for warning in model.warnings)
+
+
+def test_a_model_without_friction_does_not_blame_the_motion_alone() -> None:
+    robot = arm("ur10")
+    model = identify(robot, [recorded(robot, sweep(robot, 1), 1, "sweep")], [], IdentificationChoices((LINKS,)))
+    slow = describe_slow_motion(model.parameters)
+    assert slow is not None
+    assert "gravity and friction" not in slow
+    assert "it has no friction" in slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -544,3 +545,31 @@ def test_a_joint_that_stands_without_load_does_not_saturate(tmp_path, digit, lev
     steps = np.random.default_rng(levels).integers(0, levels, len(columns["t"]))
     columns |= {"q3": 0.2 + 3e-5 * (steps > 0), "tau3": -0.5 * digit + digit * steps}
     assert found(tmp_path, columns, "saturation").status == "ok"
+
+
+def test_the_force_of_a_sliding_joint_saturates_in_newtons(tmp_path):
+    columns = motion()
+    columns["tau2"] = np.minimum(columns["tau2"], np.quantile(columns["tau2"], 0.97))
+    for kind, unit in (("prismatic", "N)"), ("revolute", "N m)")):
+        limits = tuple(replace(limit, kind=kind) for limit in LIMITS)
+        detail = found(tmp_path, columns, "saturation", limits=limits).detail
+        assert detail.partition("extreme value (")[2].split(" ", 1)[1].startswith(f"{unit} for")
+
+
+def test_the_check_of_the_source_of_the_torque_names_a_current_that_gains_are_used_for(tmp_path):
+    columns = motion()
+    assert found(tmp_path, columns, "torque_source").column == ""
+    currents = {name.replace("tau", "current"): values for name, values in columns.items()}
+    source, joints = write_parquet(tmp_path / "current.parquet", currents), RecordedJoints(JOINTS, gains=[1.0] * 3)
+    _, checks = import_recording(source, tmp_path / "stored", joints)
+    assert [check.column for check in checks if check.name == "torque_source"] == ["current1"]
+
+
+def test_errors_of_a_table_that_was_transposed_say_so(tmp_path):
+    columns = motion()
+    path = tmp_path / "turned.csv"
+    names = ("t", *(f"{kind}{joint}" for kind in ("q", "tau") for joint in (1, 2)))
+    path.write_text("\n".join(",".join([name, *(f"{value:.6g}" for value in columns[name])]) for name in names) + "\n")
+    with pytest.raises(RecordingError, match=r"tau3.*the table is transposed") as caught:
+        import_recording(path, tmp_path / "stored", RecordedJoints(JOINTS))
+    assert caught.value.pointer

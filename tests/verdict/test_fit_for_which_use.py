@@ -28,7 +28,7 @@ from dynident.validation.contact_detection import CollisionValidation, ContactDe
 from dynident.verdict import Action, NextStep, Outcome, find_overlaps, is_stopped, verdict
 from dynident.verdict.fitness_by_use import combine_findings, judge_collision_detection, judge_feed_forward
 from dynident.verdict.held_out_evidence import HeldOutEvidence
-from dynident.verdict.model_verdict import _CALLS
+from dynident.verdict.model_verdict import _CALLS, _list_next_steps
 from dynident.verdict.stop_cause import find_stop_cause
 
 ROBOT = arm("ur10")
@@ -138,6 +138,12 @@ def test_without_held_out_data_nothing_is_judged() -> None:
     found = verdict(identify(ROBOT, [FITTED]), [FITTED])
     assert {one.state for one in found.uses} == {"not_judged"}
     assert found.next_steps == ("Record another motion, and hold it out.",)
+
+
+def test_what_a_check_names_is_a_next_step_without_held_out_data_too() -> None:
+    model = identify(ROBOT, [FITTED])
+    steps = _list_next_steps(model, [FITTED], None, (), (), NextStep("State the gravity."))
+    assert steps == ["State the gravity.", "Record another motion, and hold it out."]
 
 
 def with_error(model: Identification, error: float, **changes: object) -> Identification:

@@ -22,7 +22,6 @@ from dynident.presentation.recording_tables import (
     format_windows,
 )
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
-from dynident.recordings.columns_to_signals import FROM_TORQUE_COLUMNS
 from dynident.recordings.file_names_and_digests import compute_digest, number_repeated_names, split_path
 from dynident.recordings.row_storage import StoredSamples, load_stored_samples
 from dynident.robot import Robot
@@ -327,9 +326,10 @@ def as_recordings(recordings: SomeRecordings) -> Recordings:
 
 def _report_unused_gains(item: CheckedRecording) -> CheckedRecording:
     warning = "The stated drive gains are not used: give columns of currents, or leave them out."
+    # The check names the column of a current where gains are used.
     checks = tuple(
         replace(check, status="warning", detail=f"{check.detail} {warning}")
-        if check.detail.startswith(FROM_TORQUE_COLUMNS)
+        if (check.name, check.status, check.column) == ("torque_source", "ok", "")
         else check
         for check in item.checks
     )

@@ -22,6 +22,7 @@ from dynident.identification.robot_recording_import import (
     import_cured,
     list_shared_cures,
     note_cure,
+    refute_zeros,
     word_contradiction,
 )
 from dynident.number_format import format_percent
@@ -333,7 +334,9 @@ def read_files(
     # A recording that shows a wrong sign or order does not only tell what is wrong with itself.
     shared = list_shared_cures(outcomes)
     again = zip(recordings, shares[-len(files) :], strict=True)
-    return Recordings(tuple(_share_cures(recording, shared, write_remedy, share) for recording, share in again))
+    items = [_share_cures(recording, shared, write_remedy, share) for recording, share in again]
+    checks = refute_zeros(robot, [item.recording for item in items], [item.checks for item in items], metadata)
+    return Recordings(tuple(replace(item, checks=own) for item, own in zip(items, checks, strict=True)))
 
 
 def _share_cures(
@@ -470,7 +473,7 @@ def _join_errors(
     write_remedy: Callable[[Remedy], str],
 ) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
-    names_by_text, checks = dict[str, list[str]](), list[Check]()
+    (_, first), names_by_text, checks = failures[0], dict[str, list[str]](), list[Check]()
     for name, error in failures:
         # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
@@ -479,18 +482,17 @@ def _join_errors(
         checks += [replace(check, detail=_word(check, write_remedy)) for check in error.checks]
     # Files of one logger lack the same, which is said once.
     texts = [f"{', '.join(names)}: {text}" for text, names in names_by_text.items()]
-    _, first = failures[0]
-    further_lines = [contradiction] if contradiction else []
+    text = "\n  ".join([*texts, contradiction] if contradiction else texts)
     if len(failures) == 1:
         return RecordingError(
-            "\n  ".join([*texts, *further_lines]),
+            text,
             pointer=first.pointer,
             title=first.title,
             row=first.row,
             time=first.time,
             checks=tuple(checks),
         )
-    text = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts, *further_lines])
+    text = f"{len(failures)} of {n_files} files cannot be used:\n  {text}"
     return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
 
 

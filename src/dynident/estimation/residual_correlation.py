@@ -48,6 +48,21 @@ def compute_correlation_factors(
     )
 
 
+def find_equations_in_few_blocks(reduction: Reduction) -> list[int]:
+    """Return the numbers of equations whose rows count as independent, as they lie in too few blocks to tell.
+
+    Only beside others that have enough: the statistics of fewer blocks altogether are pooled.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations.
+    """
+    blocks = [int(np.count_nonzero(equation.counts)) for equation in reduction.equations]
+    has_enough = max(blocks, default=0) >= FEWEST_BLOCKS
+    return [k for k, count in enumerate(blocks) if has_enough and 0 < count < FEWEST_BLOCKS]
+
+
 def count_effective_rows(reduction: Reduction, solution: Solution) -> FloatArray:
     """Return how many independent samples the rows of every equation are worth.
 

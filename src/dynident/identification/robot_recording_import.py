@@ -8,14 +8,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.identification.recording_faults import build_dynamics_checks
-from dynident.identification.recording_faults.description_fit import measure_left_by_description
+from dynident.identification.recording_faults.column_faults import ColumnFault
+from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
+from dynident.identification.recording_faults.joint_angle_faults import ZERO
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import (
     Check,
@@ -27,6 +31,7 @@ from dynident.recordings import (
     Revision,
     import_recording,
 )
+from dynident.recordings.metadata_revisions import ColumnArrangement
 from dynident.recordings.recording import ModelChecks
 from dynident.robot import Robot, coupling_matrix
 from dynident.robot.contacts import compute_contact_projection
@@ -150,6 +155,61 @@ def refute_clocks(robot: Robot, recording: Recording, checks: Sequence[Check]) -
         return Check("velocity_unit", "warning", detail)
 
     return tuple(map(judge, checks))
+
+
+def refute_zeros(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    checks: Sequence[tuple[Check, ...]],
+    metadata: Sequence[RecordingMetadata],
+) -> list[tuple[Check, ...]]:
+    """Return the checks of recordings without zeros of joints that another recording of the robot speaks against.
+
+    A zero is the robot's, and the same in all its recordings; a load that is not stated looks like one in its own.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    recordings : sequence of Recording
+        All of them.
+    checks : sequence of tuple of Check
+        Those of each.
+    metadata : sequence of RecordingMetadata
+        How each was read: zeros that are stated already are corrected.
+    """
+    proposed = [check for own in checks for check in own if check.name == ZERO and check.status == "warning"]
+    if robot.base != "fixed" or not proposed or len(recordings) < 2:
+        return list(checks)
+    units = find_description_units(robot)
+    machine = robot if units is None else units.to_si(robot)
+    fit = HeldOutFit(machine)
+
+    @cache
+    def describe(number: int) -> DescriptionFit | None:
+        motion = filter_motion(recordings[number])
+        return None if motion is None else DescriptionFit(machine, motion, fit.measure_unexplained(motion))
+
+    def judge(check: Check, own: int) -> Check:
+        if check not in proposed or check.apply is None:
+            return check
+        stated = ColumnArrangement(metadata[own], robot.joint_names)
+        joints = {int(key.removeprefix("q")) - 1: zero for key, zero in check.apply.zeros.items()}
+        zeros = {joint: zero - stated.zero("q", joint) for joint, zero in joints.items()}
+        fault = ColumnFault("joint zero", tuple(zeros), next(iter(zeros.values())))
+        others = ((other, describe(other)) for other in range(len(recordings)) if other != own)
+        against = [recordings[k].name for k, described in others if described and described.refutes(fault)]
+        if not against:
+            return check
+        names = ", ".join(robot.joint_names[joint] for joint in zeros)
+        detail = (
+            f"The masses of the description do not explain the torque, and another zero of {names} would; but "
+            f"{', '.join(against)} speaks against it, and a zero is the same in all recordings of a robot. A load "
+            "that was not in all of them is more likely: identify from recordings with the same load."
+        )
+        return Check("other_load", "warning", detail, check.column)
+
+    return [tuple(judge(check, own) for check in several) for own, several in enumerate(checks)]
 
 
 _LEAST_FALL = 0.3

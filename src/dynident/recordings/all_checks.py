@@ -69,7 +69,7 @@ def run_checks(
     checks += check_motion(recording, sample, layout, limits)
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _mark_accepted(checks, accept)):
-        checks += check_torque(recording, sample, layout, against)
+        checks += check_torque(recording, sample, layout, limits, against)
     # Positions beyond limits are what other zeros, or an exchange, look like, and positions far behind their commands
     # what other units look like: what is known of those goes first.
     late = [("position_unit", "warning"), ("full_duty", "error")]

@@ -307,18 +307,15 @@ def _report_servo_law(commands: list[str]) -> Check:
     )
 
 
-FROM_TORQUE_COLUMNS = "The torque comes from the torque columns."
-"""What the check of the torque's source says where no drive gain is used."""
-
-
 def _report_torque_source(from_current: list[str], unused: list[str], coupled: bool) -> Check:
-    detail = FROM_TORQUE_COLUMNS
+    """Say where the torque comes from; the check names the first column that a drive gain is used for."""
+    detail = "The torque comes from the torque columns."
     if from_current:
         detail = f"Torque is drive gain x current [12.17] in {_shorten_names(from_current)}."
     if from_current and coupled:
         detail += " A motor that is coupled to several joints acts on all of them."
     ignored = f" Both torque and current are given: the current ({_shorten_names(unused)}) is not used."
-    return Check("torque_source", "ok", detail + ignored if unused else detail)
+    return Check("torque_source", "ok", detail + ignored if unused else detail, "".join(from_current[:1]))
 
 
 def _shorten_names(names: list[str]) -> str:

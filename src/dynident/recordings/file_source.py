@@ -6,6 +6,7 @@ Holds how many rows a sample has (262,144).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
@@ -279,11 +280,39 @@ def _to_whole_numbers(values: FloatArray, name: str, first_row: int) -> IntArray
     return values.astype(np.int64)
 
 
+@contextmanager
+def quote_remarks(remarks: Sequence[str]) -> Iterator[None]:
+    """Say in errors how a file was read: its columns and rows may not be those that the user sees in it.
+
+    Parameters
+    ----------
+    remarks : sequence of str
+        Those of the file.
+    """
+    try:
+        yield
+    except RecordingError as error:
+        if not remarks:
+            raise
+        raise RecordingError(
+            f"{error.detail} (How the file was read: {' '.join(remarks)})",
+            pointer=error.pointer,
+            title=error.title,
+            row=error.row,
+            time=error.time,
+            checks=error.checks,
+            remedies=error.remedies,
+        ) from error
+
+
 FEWEST_BURSTS, LONGEST_BURST = 3, 200
 """Whole bursts by which they are known, and rows of the longest: a receiver's buffer holds no more."""
 
 UNEVEN_ROWS, UNEVEN_TIMES = 0.25, 0.5
 """Shares of the usual one by which the rows of a burst, and the time from one to the next, may differ."""
+
+MOST_OF_STEP = 0.5
+"""Usual time between rows, over that of rows spread evenly, up to which they come in bursts."""
 
 
 def find_bursts(last_rows: IntArray, times: FloatArray, step: float) -> tuple[int, float]:
@@ -314,7 +343,9 @@ def find_bursts(last_rows: IntArray, times: FloatArray, step: float) -> tuple[in
     # with the rows of any recording whose gaps are short.
     gap = float(np.median(spans - (rows - 1) * step))
     is_delayed = np.quantile(np.abs(spans - rows / rate), 0.9) <= UNEVEN_ROWS * gap and np.ptp(rows) > 1
-    if burst > LONGEST_BURST or not (is_even or is_delayed):
+    # Rows of a burst come much closer together than they were sampled; else they have times of their own.
+    has_times = step * rate > MOST_OF_STEP
+    if burst > LONGEST_BURST or has_times or not (is_even or is_delayed):
         return 0, 0.0
     return round(burst), rate
 

@@ -29,7 +29,7 @@ from dynident.recordings.columns_to_signals import (
     mark_not_recorded,
 )
 from dynident.recordings.conditioning import Conditioning
-from dynident.recordings.file_source import FileSource, RawRows, RawSample, RawSource, SampleCollector
+from dynident.recordings.file_source import FileSource, RawRows, RawSample, RawSource, SampleCollector, quote_remarks
 from dynident.recordings.formats import open_source
 from dynident.recordings.metadata_revisions import exclude_from_windows
 from dynident.recordings.pose_recordings import POSES, read_poses, report_poses, write_poses
@@ -158,7 +158,8 @@ def import_recording(
     joint_names = tuple(joints.names)
     file = add_base_pose(open_source(Path(source_path), metadata.format, metadata.rate), joints, metadata)
     reactions = find_reactions(file.names, joints, metadata)
-    layout, torque_source = find_columns(file.names, joints, metadata)
+    with quote_remarks(file.remarks):
+        layout, torque_source = find_columns(file.names, joints, metadata)
     # A torque column without any number would leave out every row: it counts as not recorded instead.
     layout = mark_empty_torques(layout, file)
     source = RestartingSource(ReactionSource(file, reactions, joints) if reactions or joints.project_contacts else file)
@@ -168,7 +169,8 @@ def import_recording(
         temporary = Path(unfinished.name)
     try:
         # The uniform grid needs the period before the first row can be resampled.
-        base = scan_time(source, layout, metadata.windows, scale_progress(progress, 0.0, 0.2))
+        with quote_remarks(file.remarks):
+            base = scan_time(source, layout, metadata.windows, scale_progress(progress, 0.0, 0.2))
         windows = exclude_from_windows(metadata.windows, metadata.exclude, base.first, base.last)
         poses = read_poses(source, layout, base)
         with ParquetSink(temporary, joint_names, layout.kinds) as sink:

@@ -65,6 +65,7 @@ def check_torque(
     recording: Recording,
     sample: RawSample,
     layout: Layout,
+    limits: tuple[JointLimits, ...],
     against: ModelChecks | None = None,
 ) -> list[Check]:
     """Check the torques of the rows inside the windows: by themselves, then against the motion.
@@ -76,7 +77,7 @@ def check_torque(
     # after.
     checks = [
         *_find_impossible_torques(sample, layout),
-        _check_saturation(recording, sample, layout),
+        _check_saturation(recording, sample, layout, limits),
         _check_constant_torque(recording, sample, layout),
     ]
     if checks[-1].status == "warning":
@@ -147,7 +148,10 @@ def find_torque_ranges(
     return tuple(ranges) if np.isfinite(ranges).any() else ()
 
 
-def _check_saturation(recording: Recording, sample: RawSample, layout: Layout) -> Check:
+def _check_saturation(
+    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+) -> Check:
+    units = ["N" if limit.kind == "prismatic" else "N m" for limit in limits]
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
     plateaus: list[tuple[float, Check]] = []
     for joint, (low, high) in enumerate(recording.torque_ranges):
@@ -160,7 +164,7 @@ def _check_saturation(recording: Recording, sample: RawSample, layout: Layout) -
             check = Check(
                 "saturation",
                 "error" if share > 0.2 else "warning",
-                f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
+                f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} {units[joint]}) for "
                 f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {format_time(t[first])} "
                 f"s): {why}",
                 layout.tau[joint].source,

@@ -225,7 +225,7 @@ _SLOWEST, _FASTEST = 0.7, 1.4
 _SAME, _OFF, _DOUBLE, _DELAYED = 0.01, 0.05, 2.0, 0.1
 """Share by which the ratios of joints differ at most where a clock is wrong, by which it has to be, and a ratio beyond
 which another unit of the velocities is as likely; and how much the correlation may miss of 1, as a share of what the
-ratio misses: a wrong clock leaves it as it is, and noise takes a little."""
+ratio misses: a wrong clock leaves it as it is, noise takes a little (`benchmarks/corrupted_samples.py --clocks`)."""
 
 
 def find_common_ratio(ratios: Sequence[float], likeness: float) -> float:

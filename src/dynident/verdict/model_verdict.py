@@ -463,8 +463,10 @@ def _list_next_steps(
     steps += _advise_windows(identification.data.training.spans, recordings, spans)
     if identification.model.is_at_rest:
         return [_judge_poses(identification), "Record a designed motion to identify the dynamics."]
+    # The seconds to leave out are among the steps already.
+    named = [] if instead is None or instead is _LEAVE_OUT else [instead.sentence]
     if identification.held_out_judged is None:
-        return [*steps, "Record another motion, and hold it out."]
+        return [*steps, *named, "Record another motion, and hold it out."]
     error, own = identification.held_out_judged.relative_total, identification.fit_judged.relative_total
     if any(overlap.kind == "repeated" for overlap in common):
         steps.append(_ANOTHER.sentence)
@@ -473,8 +475,7 @@ def _list_next_steps(
             f"The held-out error is {error / max(own, 1e-12):.1f} times that of the fit: record a designed motion."
         )
     if instead is not None:
-        # The seconds to leave out are among the steps already.
-        return steps if instead is _LEAVE_OUT else [*steps, instead.sentence]
+        return [*steps, *named]
     return [*steps, *_advise_diagnosis(identification)]
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Self
 
@@ -24,7 +25,7 @@ from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import MOST_JOINTS
 from dynident.identification.recording_faults.joint_angle_faults import ZERO
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
-from dynident.identification.recording_faults.unexplained_torque import measure_unexplained_share
+from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.number_format import format_percent
 from dynident.recordings import JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.columns_to_signals import NOT_RECORDED
@@ -34,7 +35,6 @@ from dynident.recordings.recording_metadata import COMMANDED, Check
 from dynident.recordings.time_columns import RunLabels
 from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
-from dynident.robot.pinocchio_conversion import compute_described_torque
 
 BORNE_OUT = 0.1
 """Share of the torque that the dynamics may leave unexplained with positions that are taken for the joints'."""
@@ -50,10 +50,13 @@ class DynamicsFits:
         self.robot = robot
         self._t = t
         self.from_commands = False
+        self._last: ReadSignals | None = None
         self._segment = RunLabels().label_rows(0, t) if segment is None else segment.astype(np.int64)
 
     def select_rows(self, rows: BoolArray) -> Self:
         """Return fits to some rows (m,) of the sample."""
+        if rows.all():
+            return self
         fits = type(self)(self.robot, self._t[rows], self._segment[rows].astype(np.float64))
         fits.from_commands = self.from_commands
         return fits
@@ -66,14 +69,31 @@ class DynamicsFits:
         q, tau : (m, n)
             Positions in rad or m, and torques in any unit.
         """
+        signals = self.read_signals(q, tau)
+        recording = None if signals is None else signals.recording
+        return recording and replace(recording, torque_from_commands=self.from_commands)
+
+    def read_signals(self, q: FloatArray, tau: FloatArray) -> ReadSignals | None:
+        """Read positions and torques (m, n), unless they were read last: many questions are about the same ones.
+
+        Parameters
+        ----------
+        q, tau : (m, n)
+            Positions in rad or m, and torques in any unit.
+        """
         if len(self._t) < FEWEST_ROWS:
             return None
+        last = self._last
+        if last is None or not all(np.array_equal(*pair, equal_nan=True) for pair in ((last.q, q), (last.tau, tau))):
+            last = self._last = ReadSignals(np.array(q), np.array(tau), self._build_recording(q, tau))
+        return last
+
+    def _build_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         try:
             q, tau, _ = self.condition_signals(q, tau)
             good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
             arrays, names = (self._t[good], q[good], tau[good]), self.robot.joint_names
-            recording = recording_from_arrays(*arrays, joint_names=names, segment=self._segment[good])
-            return replace(recording, torque_from_commands=self.from_commands)
+            return recording_from_arrays(*arrays, joint_names=names, segment=self._segment[good])
         except DynidentError:
             return None
 
@@ -106,8 +126,8 @@ class DynamicsFits:
         tau : (m, n)
             Torques in any unit.
         """
-        recording = self.to_recording(q, tau)
-        return None if recording is None else filter_motion(recording)
+        signals = self.read_signals(q, tau)
+        return None if signals is None else signals.motion
 
     def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
         """Return the unexplained share of an average joint's torque; None where it cannot be told.
@@ -117,12 +137,43 @@ class DynamicsFits:
         q, tau : (m, n)
             Positions in rad or m, and torques in any unit.
         """
+        return self.measure_with_factors(q, tau, np.ones(q.shape[1]))
+
+    def measure_with_factors(self, q: FloatArray, tau: FloatArray, factors: FloatArray) -> float | None:
+        """Return the same with the positions of joints times factors (n,), as in other units: they are filtered once.
+
+        Parameters
+        ----------
+        q, tau : (m, n)
+            Positions in rad or m, and torques in any unit.
+        factors : (n,)
+            By which the positions are multiplied.
+        """
         motion = self.to_motion(q, tau)
         # A sample in which nothing moves explains any torque by constants.
         if motion is None or not len(motion.q) or not (np.ptp(motion.q, axis=0) > 0).any():
             return None
-        unexplained = measure_unexplained_share(self.robot, motion)
+        scaled = replace(motion, q=motion.q * factors, dq=motion.dq * factors, ddq=motion.ddq * factors)
+        unexplained = self._fit.measure_unexplained(scaled).average_share
         return unexplained if np.isfinite(unexplained) else None
+
+    @cached_property
+    def _fit(self) -> HeldOutFit:
+        return HeldOutFit(self.robot)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadSignals:
+    """Positions and torques (m, n) of a sample as a recording, and its filtered rows."""
+
+    q: FloatArray
+    tau: FloatArray
+    recording: Recording | None
+
+    @cached_property
+    def motion(self) -> Motion | None:
+        """Filtered rows; None where there are too few."""
+        return None if self.recording is None else filter_motion(self.recording)
 
 
 _CLEARLY = 1.25
@@ -216,13 +267,14 @@ def find_scales_by_joint(
     factor, offset = find_conversion("q", "revolute", unit, "q")
     stated = np.where(turning, q * factor + offset, q)
 
-    def measure(logarithms: FloatArray) -> float:
-        share = fits.measure_unexplained(np.where(turning, stated * np.exp(logarithms), q), tau)
-        return 1.0 if share is None else share
-
     scales, span = np.zeros(len(turning)), float(np.nanmax(np.ptp(stated[:, turning], axis=0)))
     if len(turning) > MOST_JOINTS or not 0.0 < span < np.inf:  # each trial is a fit: too many of longer chains
         return None
+
+    def measure(logarithms: FloatArray) -> float:
+        share = fits.measure_with_factors(stated, tau, np.where(turning, np.exp(logarithms), 1.0))
+        return 1.0 if share is None else share
+
     as_one = least = measure(scales)
     are_counts = unit.startswith("counts:")  # any encoder and gear give such, and friction explains wrists with all
     if as_one < BORNE_OUT and not are_counts:
@@ -276,106 +328,6 @@ def _write_share_unit(limits: tuple[float, float], full: float) -> str:
     factor, middle = (limits[1] - limits[0]) / (2.0 * full), 0.5 * (limits[0] + limits[1])
     zero = -middle / factor
     return f"counts:{2.0 * np.pi / factor:.4f}" + (f"@{zero:.4f}" if abs(zero) > 0.0 else "")
-
-
-_NEAR, _POOR, FAIR = (0.45, 2.1), (0.15, 6.0), (0.2, 3.0)
-"""Ranges of measured over described torque: within which they agree, as descriptions are not better; beyond which no
-description is off, and it is another torque or unit; and for masses that may be guessed: 2.4 on the open recordings."""
-_SURE = 1.25
-"""Amplifiers of arms give up to 64 A: per cent of that taken for A make 1.56 times the torque, and of less even more;
-this is half as far, as factors go."""
-_TRUSTED_VARIANCE, _STATES = 0.3, 400
-"""Share of the variance without the load that may be left with it for a joint's scale to be trusted; and rows used."""
-
-
-@dataclass(frozen=True, eq=False)
-class TorqueScales:
-    """Measured over described torque of every joint.
-
-    Parameters
-    ----------
-    values : (n,)
-        The ratios.
-    trusted : (n,)
-        Joints whose ratio can be trusted, as the description's load explains much of their torque.
-    """
-
-    values: FloatArray
-    trusted: BoolArray
-
-    @property
-    def median(self) -> float:
-        """Median of the trusted scales, without sign."""
-        return float(np.median(np.abs(self.values[self.trusted])))
-
-    def is_plausible(self, factor: float) -> bool:
-        """Tell whether the values, times a factor, could be torques of the joints, if the description is poor."""
-        return _POOR[0] < self.median * factor < _POOR[1]
-
-    def is_near_one(self, factors: FloatArray) -> bool:
-        """Tell whether the trusted values, times factors (n,), agree with the description, as far as descriptions do.
-
-        A payload that it does not have makes some of them larger, and none smaller.
-        """
-        sizes = np.abs(self.values * factors)[self.trusted]
-        return _NEAR[0] < float(sizes.min()) < _NEAR[1] and self.is_fair(factors)
-
-    def is_in_unit(self, factor: float) -> bool:
-        """Tell whether the trusted values, all times a unit's factor, agree with the description, and with each other.
-
-        Gears and drive gains make the joints' values differ; a unit does not.
-        """
-        sizes = np.abs(self.values * factor)[self.trusted]
-        return self.is_near_one(np.full(len(self.values), factor)) and float(sizes.max()) < FAIR[1]
-
-    def count_near(self, factor: float) -> int:
-        """Count the trusted joints whose values, times a unit's factor, agree with the description."""
-        sizes = np.abs(self.values * factor)[self.trusted]
-        return int(np.count_nonzero((_NEAR[0] < sizes) & (sizes < _NEAR[1])))
-
-    def is_sure(self, factors: FloatArray) -> bool:
-        """Tell whether the trusted values, times factors (n,), show that currents are in the unit of the gains."""
-        size = float(np.median(np.abs(self.values * factors)[self.trusted]))
-        return 1.0 / _SURE < size < _SURE
-
-    def is_fair(self, factors: FloatArray) -> bool:
-        """Tell whether the trusted values, times factors (n,), agree with a description whose masses are guessed."""
-        return FAIR[0] < float(np.median(np.abs(self.values * factors)[self.trusted])) < FAIR[1]
-
-
-def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | None:
-    """Compare torques with those of the description's inertias; None where it gives none, or no joint can be trusted.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    motion : Motion
-        Filtered rows of the recording.
-    """
-    if robot.inertias is None:
-        return None
-    every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
-    described = compute_described_torque(robot, q, dq, ddq)
-    values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
-    for joint in range(robot.n):
-        speed = dq[:, joint]
-        # Friction, inertia of the drive and an offset are free: only what the load adds is compared.
-        friction = np.column_stack(
-            [speed, np.tanh(speed / (0.05 * speed.std() + 1e-12)), ddq[:, joint], np.ones(len(q))]
-        )
-        rows = np.column_stack([described[:, joint], friction])
-        size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
-        solution, *_ = np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)
-        other = tau[:, joint] - friction @ np.linalg.lstsq(friction, tau[:, joint], rcond=1e-10)[0]
-        # The load has to explain much of what friction leaves, or its factor means nothing.
-        remainder = tau[:, joint] - rows / size @ solution
-        values[joint] = solution[0] / size[0]
-        trusted[joint] = (
-            remainder.var() < _TRUSTED_VARIANCE * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
-        )
-    return TorqueScales(values, trusted) if trusted.any() else None
 
 
 _MORE = 1.01

@@ -35,6 +35,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     Proposal,
     Question,
     describe_further_joints,
+    describe_gear_ratios,
     describe_waves,
     find_columns_of_other_joints,
     name_further_efforts,
@@ -182,16 +183,17 @@ class _ColumnInference(WorkingProposal):
         self.mark_unrecorded_torques(effort)
         q = self._convert_positions(position, effort)
         if self.of_poses:
-            return self._finish(
-                guess_efforts_at_poses(self, self.fits, self.values[:, list(effort.columns)], effort, q, kind)
-            )
+            tau = self.values[:, list(effort.columns)]
+            return self._finish(guess_efforts_at_poses(self, self.fits, tau, effort, q, kind))
         if q is not None:
             rows = replace(self.sample, values=restore_masked(self.sample.values, whole.values)[good])
             q, self.fits, put_right = self.condition_rows(self.fits, rows, position, effort, q)
             self._report_still_joints(q)
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
-            self.guesses += put_right
+            motors = [group for group in groups if group.signal == "q" and group.named.motor and group is not position]
+            sides = [(self.name_columns(group), self.values[:, list(group.columns)]) for group in (position, *motors)]
+            self.guesses += [*put_right, *describe_gear_ratios(sides)]
         return self._finish(kind)
 
     def _finish(self, kind: EffortKind) -> Proposal:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from dynident.array_types import FloatArray
 from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import ColumnName, find_waves
 from dynident.recordings.recording_metadata import COMMANDED, Check, EffortKind
@@ -245,3 +248,30 @@ def report_silent_torques(name: str, columns: Sequence[str]) -> Guess:
     instead = ", ".join(map(str, remedies))
     reason = f"set aside, they are 0 in every row; if the robot swung with its motors off, state {instead}"
     return Guess("columns/tau", name, 0.5, reason, remedies)
+
+
+_FOLLOWS, _SAME_TURN = 0.999, 1.5
+"""Squared correlation of a motor's position with its joint's, which an elastic gear leaves; and the ratio of both below
+which they are positions of the same side."""
+
+
+def describe_gear_ratios(sides: Sequence[tuple[str, FloatArray]]) -> list[Guess]:
+    """Propose gear ratios where positions of motors are recorded beside those of the joints: one is a multiple.
+
+    Parameters
+    ----------
+    sides : sequence of str and (m, n)
+        What the user calls columns together, and their values: of the joints, and then of motors.
+    """
+    guesses = []
+    (joints, links), *others = sides
+    moving = np.ptp(links, axis=0) > 0.0
+    for name, motors in others:
+        both = [values[:, moving] - values[:, moving].mean(axis=0) for values in (links, motors)]
+        squares, product = [(values**2).sum(axis=0) for values in both], (both[0] * both[1]).sum(axis=0)
+        ratios = product / squares[0]
+        follows = product**2 >= _FOLLOWS * squares[0] * squares[1]
+        if len(ratios) and follows.all() and np.abs(ratios).min() > _SAME_TURN:
+            reason = f"{name} are so many times {joints}; of positions in one unit these are the gear ratios"
+            guesses.append(Guess("drives", ", ".join(f"{ratio:.4g}" for ratio in ratios), 0.8, reason))
+    return guesses

@@ -27,7 +27,6 @@ from dynident.identification.column_inference.proposal_in_progress import Workin
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.number_format import format_percent
-from dynident.recordings import Recording
 from dynident.recordings.base_motion import QUATERNION, find_base_columns, find_reactions
 from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.file_source import find_bursts
@@ -54,17 +53,19 @@ TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
 class NoFits(DynamicsFits):
     """In place of fits of a robot whose base moves: the joints alone do not tell what their torques have to be."""
 
-    def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
+    def read_signals(self, q: FloatArray, tau: FloatArray) -> None:
         """Return None: there is no motion that can be fitted."""
 
 
 class PoseFits(NoFits):
     """Fits of a robot to poses at which it stands, a row each."""
 
-    def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
+    def measure_with_factors(self, q: FloatArray, tau: FloatArray, factors: FloatArray) -> float | None:
         """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
         good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-        return None if good.sum() < FEWEST_POSES else measure_unexplained_at_rest(self.robot, q[good], tau[good])
+        if good.sum() < FEWEST_POSES:
+            return None
+        return measure_unexplained_at_rest(self.robot, q[good] * factors, tau[good])
 
 
 def guess_clock(work: WorkingProposal) -> Clock | None:

@@ -11,14 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.identification.column_inference.dynamics_fits import (
-    FAIR,
-    DynamicsFits,
-    TorqueScales,
-    compare_with_description,
-)
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import SURE, Question, UnitGuess
 from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.description_fit import FAIR, TorqueScales, compare_with_description
 from dynident.identification.recording_faults.fault_search import (
     CLEARLY_AGREES,
 )

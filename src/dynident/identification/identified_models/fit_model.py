@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.effects import DEFAULT_EFFECTS, LINKS, ReferenceParameters, get_role
-from dynident.estimation import (
-    Reduction,
-    compute_errors,
-    find_outlying_spans,
-)
+from dynident.effects import DEFAULT_EFFECTS, LINKS, ReferenceParameters, get_effect, get_role
+from dynident.estimation import Reduction, compute_errors, find_outlying_spans
+from dynident.estimation.residual_correlation import FEWEST_BLOCKS, find_equations_in_few_blocks
 from dynident.identification.description_prior import FRICTION_ROLES, has_plain_friction
 from dynident.identification.equations.model_and_data_checks import check_reduction, check_torque
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
@@ -197,10 +194,11 @@ def describe_slow_motion(parameters: Sequence[IdentifiedParameter]) -> str | Non
     )
     if not inertias or not any(moments) or sum(inertias) >= _LEAST_DETERMINED * len(inertias):
         return None
-    return (
-        f"The motion shows gravity and friction, but hardly any inertia ({sum(inertias)} of {len(inertias)} moments of "
-        "inertia are determined): it is too slow or too short."
-    )
+    counted = f"hardly any inertia ({sum(inertias)} of {len(inertias)} moments of inertia are determined)"
+    if not any(get_effect(parameter.effect).is_friction for parameter in parameters):
+        # What friction leaves unexplained makes every estimate uncertain, however fast the motion is.
+        return f"The model shows gravity, but {counted}: it has no friction, or the motion is too slow or too short."
+    return f"The motion shows gravity and friction, but {counted}: it is too slow or too short."
 
 
 def _warn_of_unsettled(identification: Identification) -> list[str]:
@@ -247,8 +245,13 @@ def _warn_of_excitation(identification: Identification) -> list[str]:
             f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
             f"determine the model well. {help_is}"
         )
-    at_rest = identification.model.is_at_rest
-    if not at_rest and identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
+    names = identification.model.robot.joint_names
+    if few := [names[k] for k in find_equations_in_few_blocks(identification.data.equations) if k < len(names)]:
+        sentences.append(
+            f"{', '.join(few)} moves in fewer than {FEWEST_BLOCKS} blocks of time: whether its rows depend on each "
+            "other cannot be told, and deviations of its parameters may be too small. Move it for longer."
+        )
+    if not identification.model.is_at_rest and identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
         sentences.append(
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
             f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."

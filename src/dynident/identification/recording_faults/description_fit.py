@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
-import scipy
-from scipy.linalg import cholesky, solve_triangular
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
@@ -27,13 +26,14 @@ from dynident.identification.recording_faults.unexplained_torque import (
     compute_log_shares,
 )
 from dynident.recordings.recording_metadata import Check
+from dynident.robot.pinocchio_conversion import compute_described_torque
 from dynident.robot.pseudo_inertia import DescriptionUnits
 from dynident.robot.robot_model import Robot
 
 _FEW_ROWS = 400
 """Rows by which it is estimated what the description leaves: it has a few parameters a joint."""
 
-# Added to the scaled normal matrix, so that it has a Cholesky factor where columns depend on each other.
+# Added to the scaled normal matrix, so that it can be solved where columns depend on each other.
 _RIDGE = 1e-9
 
 DESCRIPTION_UNITS = "description_units"
@@ -269,13 +269,17 @@ def measure_blocks_left_by_description(robot: Robot, motion: Motion) -> FloatArr
     if load is None:
         return None
     moves = find_moving_rows(motion)
-    shares = [
-        _measure_unexplained(
-            _build_columns(motion, load, int(joint)), motion.tau[:, joint], motion.block, moves[:, joint]
-        )
-        for joint in np.flatnonzero(find_moving_joints(motion))
-    ]
-    return np.asarray(np.mean(shares, axis=0))
+    grams = np.stack(
+        [
+            _multiply_by_block(_build_rows(motion, load, joint), motion.block, moves[:, joint])
+            for joint in np.flatnonzero(find_moving_joints(motion)).tolist()
+        ]
+    )
+    # Inner products of all blocks but each one: every block is then predicted from a fit without it, at no further
+    # pass.
+    others = np.einsum("ob,jbik->joik", LEAVE_ONE_OUT, grams)
+    squares = _compute_squares(_fit(others[:, :-1]), grams)
+    return np.asarray(compute_log_shares(squares, others[:, -1:, -1, -1] / BLOCKS).mean(axis=0))
 
 
 def _estimate_shares(motion: Motion, load: FloatArray | None, joints: Sequence[int] | None = None) -> dict[int, float]:
@@ -283,42 +287,156 @@ def _estimate_shares(motion: Motion, load: FloatArray | None, joints: Sequence[i
 
     Only of joints that move, and of the stated ones; none without a load.
     """
-    moves, moving, shares = find_moving_rows(motion), find_moving_joints(motion), {}
-    for joint in range(len(moving)) if joints is None else joints:
-        if load is None or not moving[joint]:
-            continue
-        rows = np.column_stack([_build_columns(motion, load, joint), motion.tau[:, joint]])[moves[:, joint]]
-        gram = rows.T @ rows
-        residual = np.append(-_fit(gram), 1.0)
-        shares[joint] = float(compute_log_shares(residual @ gram @ residual, gram[-1, -1]))
-    return shares
+    if load is None:
+        return {}
+    moves, moving = find_moving_rows(motion), find_moving_joints(motion)
+    own = [joint for joint in (range(len(moving)) if joints is None else joints) if moving[joint]]
+    if not own:
+        return {}
+    rows = [_build_rows(motion, load, joint)[moves[:, joint]] for joint in own]
+    grams = np.stack([part.T @ part for part in rows])
+    shares = compute_log_shares(_compute_squares(_fit(grams), grams), grams[:, -1, -1])
+    return dict(zip(own, shares.tolist(), strict=True))
 
 
-def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
-    """Return the columns (m, 6): load, dry and viscous friction, inertia of the drive, and ± a constant."""
-    # A constant of either sign, as two columns that are not negative.
-    dq, ones = motion.dq[:, joint], np.ones(len(load))
-    return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
+def _build_rows(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
+    """Return the rows (m, 6) of a joint: load, dry and viscous friction, inertia of the drive, a constant; torque."""
+    dq = motion.dq[:, joint]
+    columns = (load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], np.ones(len(load)), motion.tau[:, joint])
+    return np.stack(columns, axis=1)
 
 
-def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> FloatArray:
-    rows = np.concatenate([columns, tau[:, None]], axis=1)
-    parts = [rows[moves & (block == number)] for number in range(BLOCKS)]
-    grams = np.stack([part.T @ part for part in parts])
-    # Inner products of all blocks but each one: every block is then predicted from a fit without it, at no further
-    # pass.
-    others = np.tensordot(LEAVE_ONE_OUT, grams, axes=1)
-    residual = np.stack([np.append(-_fit(gram), 1.0) for gram in others[:-1]])
-    squares = np.einsum("bi,bik,bk->b", residual, grams, residual)
-    return compute_log_shares(squares, others[-1, -1, -1] / BLOCKS)
+def _multiply_by_block(rows: FloatArray, block: IntArray, moves: BoolArray) -> FloatArray:
+    """Return the inner products (blocks, c, c) of the rows (m, c) of each block in which the joint moves."""
+    moving = rows[moves]
+    bounds = np.searchsorted(block[moves], np.arange(BLOCKS + 1))
+    parts = [moving[bounds[number] : bounds[number + 1]] for number in range(BLOCKS)]
+    return np.stack([part.T @ part for part in parts])
 
 
-def _fit(gram: FloatArray) -> FloatArray:
-    """Return the parameters (c,), none of them negative, of inner products (c + 1, c + 1) of [W | Y]."""
+def _compute_squares(values: FloatArray, grams: FloatArray) -> FloatArray:
+    """Return the squared errors (...) of parameters (..., c) by inner products (..., c + 1, c + 1) of [W | Y]."""
+    residual = np.concatenate([-values, np.ones((*values.shape[:-1], 1))], axis=-1)
+    return np.asarray(np.einsum("...i,...ik,...k->...", residual, grams, residual))
+
+
+_ACTIVE = np.array([[*active, 1.0] for active in product((1.0, 0.0), repeat=4)])
+"""(16, 5): the sets of parameters that a fit may have, with the constant always among them. As none of the first four
+may be negative, the best set whose values are not is the solution, and so few sets are solved at once."""
+
+
+def _fit(grams: FloatArray) -> FloatArray:
+    """Return the parameters (..., 5) of inner products (..., 6, 6) of [W | Y]: all but the constant not negative."""
     # Columns of equal size, or the ridge would weigh them by their units.
-    scale = np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
-    normal = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-    # Non-negative least squares on the Cholesky factor has the same solution as on all rows, and is small.
-    upper = cholesky(normal)
-    scaled_values, _ = scipy.optimize.nnls(upper, solve_triangular(upper, gram[:-1, -1] / scale, trans="T"))
-    return scaled_values / scale
+    scale = np.sqrt(np.maximum(np.diagonal(grams, axis1=-2, axis2=-1)[..., :-1], np.finfo(float).tiny))
+    normal = grams[..., :-1, :-1] / (scale[..., :, None] * scale[..., None, :]) + _RIDGE * np.eye(5)
+    right = (grams[..., :-1, -1] / scale)[..., None, :] * _ACTIVE
+    # A parameter that is not in a set is 0: it has a row and a column of its own.
+    of_sets = normal[..., None, :, :] * (_ACTIVE[:, :, None] * _ACTIVE[:, None, :]) + _UNUSED
+    values = np.linalg.solve(of_sets, right[..., None])[..., 0]
+    explained = np.where((values[..., :-1] >= 0.0).all(axis=-1), (values * right).sum(axis=-1), -np.inf)
+    best = np.argmax(explained, axis=-1)[..., None, None]
+    return np.asarray(np.take_along_axis(values, best, axis=-2)[..., 0, :] / scale)
+
+
+_UNUSED = np.array([np.diag(1.0 - active) for active in _ACTIVE])
+
+
+_NEAR, _POOR, FAIR = (0.45, 2.1), (0.15, 6.0), (0.2, 3.0)
+"""Ranges of measured over described torque: within which they agree, as descriptions are not better; beyond which no
+description is off, and it is another torque or unit; and for masses that may be guessed: 2.4 on the open recordings."""
+_SURE = 1.25
+"""Amplifiers of arms give up to 64 A: per cent of that taken for A make 1.56 times the torque, and of less even more;
+this is half as far, as factors go."""
+_TRUSTED_VARIANCE, _STATES = 0.3, 400
+"""Share of the variance without the load that may be left with it for a joint's scale to be trusted; and rows used."""
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueScales:
+    """Measured over described torque of every joint.
+
+    Parameters
+    ----------
+    values : (n,)
+        The ratios.
+    trusted : (n,)
+        Joints whose ratio can be trusted, as the description's load explains much of their torque.
+    """
+
+    values: FloatArray
+    trusted: BoolArray
+
+    @property
+    def median(self) -> float:
+        """Median of the trusted scales, without sign."""
+        return float(np.median(np.abs(self.values[self.trusted])))
+
+    def is_plausible(self, factor: float) -> bool:
+        """Tell whether the values, times a factor, could be torques of the joints, if the description is poor."""
+        return _POOR[0] < self.median * factor < _POOR[1]
+
+    def is_near_one(self, factors: FloatArray) -> bool:
+        """Tell whether the trusted values, times factors (n,), agree with the description, as far as descriptions do.
+
+        A payload that it does not have makes some of them larger, and none smaller.
+        """
+        sizes = np.abs(self.values * factors)[self.trusted]
+        return _NEAR[0] < float(sizes.min()) < _NEAR[1] and self.is_fair(factors)
+
+    def is_in_unit(self, factor: float) -> bool:
+        """Tell whether the trusted values, all times a unit's factor, agree with the description, and with each other.
+
+        Gears and drive gains make the joints' values differ; a unit does not.
+        """
+        sizes = np.abs(self.values * factor)[self.trusted]
+        return self.is_near_one(np.full(len(self.values), factor)) and float(sizes.max()) < FAIR[1]
+
+    def count_near(self, factor: float) -> int:
+        """Count the trusted joints whose values, times a unit's factor, agree with the description."""
+        sizes = np.abs(self.values * factor)[self.trusted]
+        return int(np.count_nonzero((_NEAR[0] < sizes) & (sizes < _NEAR[1])))
+
+    def is_sure(self, factors: FloatArray) -> bool:
+        """Tell whether the trusted values, times factors (n,), show that currents are in the unit of the gains."""
+        size = float(np.median(np.abs(self.values * factors)[self.trusted]))
+        return 1.0 / _SURE < size < _SURE
+
+    def is_fair(self, factors: FloatArray) -> bool:
+        """Tell whether the trusted values, times factors (n,), agree with a description whose masses are guessed."""
+        return FAIR[0] < float(np.median(np.abs(self.values * factors)[self.trusted])) < FAIR[1]
+
+
+def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | None:
+    """Compare torques with those of the description's inertias; None where it gives none, or no joint can be trusted.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
+    if robot.inertias is None:
+        return None
+    every = max(1, len(motion.q) // _STATES)
+    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+    described = compute_described_torque(robot, q, dq, ddq)
+    values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
+    for joint in range(robot.n):
+        speed = dq[:, joint]
+        # Friction, inertia of the drive and an offset are free: only what the load adds is compared.
+        friction = np.column_stack(
+            [speed, np.tanh(speed / (0.05 * speed.std() + 1e-12)), ddq[:, joint], np.ones(len(q))]
+        )
+        rows = np.column_stack([described[:, joint], friction])
+        size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
+        solution, *_ = np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)
+        other = tau[:, joint] - friction @ np.linalg.lstsq(friction, tau[:, joint], rcond=1e-10)[0]
+        # The load has to explain much of what friction leaves, or its factor means nothing.
+        remainder = tau[:, joint] - rows / size @ solution
+        values[joint] = solution[0] / size[0]
+        trusted[joint] = (
+            remainder.var() < _TRUSTED_VARIANCE * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
+        )
+    return TorqueScales(values, trusted) if trusted.any() else None
