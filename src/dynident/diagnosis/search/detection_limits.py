@@ -389,13 +389,13 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
     fitted, *kinds = (_BlockSums.from_portions(blocks, acts) for _ in range(len(KINDS) + 1))
     # Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     # seen, and held-out errors show an effect by that.
-    for j, own, errors in fits.read_errors():
+    for j, errors in fits.read_errors():
         for sums, each in zip((fitted, *kinds), errors, strict=True):
-            sums.add_joint(j, own, each, 1.0 / state.noise[j] ** 2)
+            sums.add_joint(j, each, 1.0 / state.noise[j] ** 2)
     folds = [tuple(split_data_folds(rows, kind)) for kind in KINDS]
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
-        unit, separability = fits.whole.compute_unit_directions(number), fits.whole.compute_separability(number)
+        unit, separability = fits.fits.compute_unit_directions(number), fits.fits.compute_separability(number)
         for place, (member, columns) in enumerate(zip(portion.members, portion.columns, strict=True)):
             candidate = members[member]
             usual, _ = _get_usual(pool, candidate)
@@ -446,15 +446,15 @@ class _BlockSums:
             squares |= {(number, place, _ALL): mine for place, mine in enumerate(whole)}
         return cls(np.zeros((joints, s)), np.zeros((joints, s, blocks.n_extra)), squares, acts, together)
 
-    def add_joint(self, joint: int, where: IndexArray, errors: JointErrors, weight: float) -> None:
-        """Add what one joint has in some blocks; each block of a joint comes once."""
+    def add_joint(self, joint: int, errors: JointErrors, weight: float) -> None:
+        """Add what some of a joint's rows have."""
         for sums, own in ((self.errors, errors.alone), (self.scores, errors.compute_scores())):
-            sums[joint, where] = own
-            sums[_ALL, where] += weight * own
+            sums[joint] += own
+            sums[_ALL] += weight * own
         for number, products in enumerate(errors.compute_squares()):
-            self.together[number][:, where] += weight * products
+            self.together[number][:] += weight * products
             for place in np.flatnonzero(self.acts[number][:, joint]).tolist():
-                self.squares[number, place, joint][where] = products[place]
+                self.squares[number, place, joint][:] += products[place]
 
     def take_candidate(
         self, number: int, place: int, columns: IndexArray, joints: IndexArray, folds: tuple[IndexArray, ...]
