@@ -346,7 +346,8 @@ class RowErrors:
         with np.errstate(over="ignore", invalid="ignore"):
             rest = self._leave_rest(changed, dict(zip(used, adjustments[:, changed], strict=True)))
             errors[changed] = self._piece.runs.sum_by_block(np.square(rest, out=rest))
-        return np.asarray(np.nan_to_num(errors, nan=np.inf, posinf=np.inf))
+        errors[np.isnan(errors)] = np.inf
+        return errors
 
     def _leave_rest(self, candidates: IndexArray, adjustments: Mapping[int, FloatArray]) -> FloatArray:
         """Return what the model leaves of Y (r, m) with each of some candidates; adjustments (r, w) by fit."""

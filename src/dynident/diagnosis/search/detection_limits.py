@@ -29,7 +29,7 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain
 from dynident.diagnosis.search.candidate_outcomes import FinalScores
-from dynident.diagnosis.search.search_state import find_acting_columns, may_use_scores
+from dynident.diagnosis.search.search_state import may_use_scores
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.residual_errors import compute_evenness
 
@@ -384,8 +384,10 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
     state, pool = final.state, final.state.pool
     blocks = JointBlocks.from_products(rows, state.columns, members)
     fits = FoldedFits.from_blocks(rows, blocks, state.noise, KINDS)
-    acting = find_acting_columns(pool)
-    acts = [np.array([acting[list(members[k].columns)].any(axis=0) for k in each.members]) for each in blocks.portions]
+    acts = [np.zeros((len(each.members), rows.n_joints), dtype=bool) for each in blocks.portions]
+    for own, each in zip(acts, blocks.portions, strict=True):
+        for own_acts, member in zip(own, each.members, strict=True):
+            own_acts[list(pool.find_joints(members[member].columns))] = True
     fitted, *kinds = (_BlockSums.from_portions(blocks, acts) for _ in range(len(KINDS) + 1))
     # Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     # seen, and held-out errors show an effect by that.
