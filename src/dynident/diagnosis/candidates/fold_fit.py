@@ -8,17 +8,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.estimation import PriorInformation
-
-_T = TypeVar("_T", bound=np.generic)
 
 # Candidates at once: what their projections take of memory stays in the cache.
 _CHUNK = 128
@@ -163,7 +160,7 @@ class ProductSums:
         def subtract(sums: FloatArray) -> FloatArray:
             part = sums[sets]
             part[sets == 0] = 0.0
-            return np.subtract(sums[0], part, out=part)
+            return np.asarray(sums[0] - part)
 
         def is_left(squares: FloatArray) -> BoolArray:
             return np.asarray(subtract(squares) > _ROUNDING * squares[0])
@@ -179,12 +176,12 @@ class ProductSums:
 
 
 def _take_diagonals(matrices: FloatArray) -> FloatArray:
-    return np.einsum("...kk->...k", matrices)
+    return np.asarray(np.einsum("...kk->...k", matrices))
 
 
-def _pair(values: NDArray[_T]) -> NDArray[_T]:
+def _pair(values: FloatArray | BoolArray) -> FloatArray:
     """Return the products (..., k, k) of all pairs of some values (..., k)."""
-    return np.asarray(values[..., :, None] * values[..., None, :])
+    return np.multiply(values[..., :, None], values[..., None, :], dtype=np.float64)
 
 
 class FoldFits:

@@ -5,7 +5,7 @@ Products of two candidates with each other are never needed, and there are very 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -309,6 +309,7 @@ class RowErrors:
         self._piece, self._fits, self._numbers, self._have = piece, fits, numbers, piece.block.have
         # Rows that follow one another and have the same fit.
         self._spans = piece.runs.split_rows(numbers)
+        self._used = slice(int(numbers.min()), int(numbers.max()) + 1)
         self._rest, chi, w = piece.y.copy(), fits.chi[:, self._have], piece.w
         for number, rows in self._spans:
             self._rest[rows] -= chi[number] @ w[:, rows]
@@ -332,28 +333,27 @@ class RowErrors:
     def compute_errors_with(self) -> FloatArray:
         """Return the squared errors (g, s) with each candidate, portion by portion."""
         # The model's own parameters are other ones beside a candidate, on the joints that it shares columns with.
-        used = sorted({number for number, _ in self._spans})
-        adjustments = self._fits.model_adjustments[used][:, :, self._have]
+        adjustments = self._fits.model_adjustments[self._used][:, :, self._have]
         errors = np.tile(self.alone, (adjustments.shape[1], 1))
         # A joint that stands has no rows.
         if not self._spans:
             return errors
         # Most candidates have columns of their own on few joints, and change nothing on others.
-        is_changed = adjustments.any(axis=(0, 2))
+        is_changed = np.asarray(adjustments.any(axis=(0, 2)))
         is_changed[self._piece.block.own.candidates] = True
         changed = np.flatnonzero(is_changed)
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            rest = self._leave_rest(changed, dict(zip(used, adjustments[:, changed], strict=True)))
+            rest = self._leave_rest(changed, adjustments[:, changed])
             errors[changed] = self._piece.runs.sum_by_block(np.square(rest, out=rest))
         errors[np.isnan(errors)] = np.inf
         return errors
 
-    def _leave_rest(self, candidates: IndexArray, adjustments: Mapping[int, FloatArray]) -> FloatArray:
-        """Return what the model leaves of Y (r, m) with each of some candidates; adjustments (r, w) by fit."""
+    def _leave_rest(self, candidates: IndexArray, adjustments: FloatArray) -> FloatArray:
+        """Return what the model leaves of Y (r, m) with each of some candidates; adjustments (f, r, w) of used fits."""
         piece, w, rest = self._piece, self._piece.w, np.empty((len(candidates), len(self._rest)))
         for number, rows in self._spans:
-            np.matmul(adjustments[number], w[:, rows], out=rest[:, rows])
+            np.matmul(adjustments[number - self._used.start], w[:, rows], out=rest[:, rows])
         rest += self._rest
         numbers = [number for number, _ in self._spans]
         lengths = [rows.stop - rows.start for _, rows in self._spans]
@@ -367,16 +367,14 @@ class RowErrors:
         """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
         piece, portions = self._piece, self._fits.portions
         has = np.flatnonzero(piece.block.place < piece.block.n_columns)
-        used = sorted({number for number, _ in self._spans})
-        projections = self._fits.projection[used][:, :, self._have]
+        projections = self._fits.projection[self._used][:, :, self._have]
         # Nothing is left of columns that neither the joint nor the model's parameters on it have a share in.
-        is_shared = projections.any(axis=(0, 2))
+        is_shared = np.asarray(projections.any(axis=(0, 2)))
         is_shared[has] = True
         shared = np.flatnonzero(is_shared)
-        by_fit = dict(zip(used, projections[:, shared], strict=True))
-        rest = np.zeros((len(is_shared), len(self._rest)))
+        projections, rest = projections[:, shared], np.zeros((len(is_shared), len(self._rest)))
         for number, rows in self._spans:
-            rest[shared, rows] = -(by_fit[number] @ piece.w[:, rows])
+            rest[shared, rows] = -(projections[number - self._used.start] @ piece.w[:, rows])
         rest[has] += piece.x[piece.block.place[has]]
         products = [np.zeros((len(own.members), piece.runs.n_blocks, own.width, own.width)) for own in portions]
         for portion, own_products in zip(portions, products, strict=True):
