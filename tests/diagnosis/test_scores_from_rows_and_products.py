@@ -249,3 +249,9 @@ def test_rows_are_multiplied_once_for_all_scores_of_the_same_rows(monkeypatch):
         score_candidates(data, base, CANDIDATES, NOISE, "contiguous")
     # Two kinds of rows a joint.
     assert len(added) == 2 * JOINTS
+    moving_alone = Products(tuple((first,) for first, _ in data.stacks), data.position, data.counts, data.run)
+    score_candidates(moving_alone, BASE, CANDIDATES, NOISE, "contiguous")
+    # Nor are those of one kind again where they are combined with others, nor for sums over all blocks.
+    assert len(added) == 2 * JOINTS
+    monkeypatch.setattr(RowStack, "sum_products", None)
+    data.sum_products(0, np.arange(3), np.arange(3))

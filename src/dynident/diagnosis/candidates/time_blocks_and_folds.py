@@ -293,6 +293,9 @@ class Products:
 
     def sum_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (k, l) of a joint over all blocks, at some of its places."""
+        if self._has_few_sums and len(self.list_row_stacks(joint)) == len(self.stacks[joint]):
+            # The first set is all blocks.
+            return self._get_sums(joint)[0][np.ix_(rows, columns)]
         first, *others = (stack.sum_products(rows, columns) for stack in self.stacks[joint])
         return sum(others, first)
 
