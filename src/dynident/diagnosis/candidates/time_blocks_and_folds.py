@@ -27,8 +27,8 @@ NEARLY_ALL = 0.9
 MOST_PRODUCTS = 2**26
 """Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers, and in four bytes
 each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
-# Of rows where a joint moves with those at reversals, those beside halts, both or none.
-_COMBINATIONS = 4
+# Of rows: where a joint moves, at reversals, and beside halts.
+_ROW_KINDS = 3
 
 
 T = TypeVar("T")
@@ -181,7 +181,7 @@ class RowStack:
                 sums[number] += own
 
     def get_sums(self, sets: BlockSets) -> FloatArray:
-        """Return the products (sets, p + 1, p + 1) of all columns; they are kept for all combinations of rows."""
+        """Return the products (sets, p + 1, p + 1) of all columns; they are kept."""
         if self._sums is None:
             self._sums = np.zeros((len(sets.members), len(self.columns), len(self.columns)))
             self.add_sums(sets, slice(None), slice(None), self._sums)
@@ -295,7 +295,7 @@ class Products:
         """Return the products (k, l) of a joint over all blocks, at some of its places."""
         if self._has_few_sums and len(self.list_row_stacks(joint)) == len(self.stacks[joint]):
             # The first set is all blocks.
-            return self._get_sums(joint)[0][np.ix_(rows, columns)]
+            return self._take_sums(joint, rows[:, None], columns)[0]
         first, *others = (stack.sum_products(rows, columns) for stack in self.stacks[joint])
         return sum(others, first)
 
@@ -325,9 +325,7 @@ class Products:
     def sum_sets(self, joint: int, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (sets, k, l) of a joint's rows over sets of blocks, at some of its places."""
         if self._keeps_sums(sets):
-            sums = self._get_sums(joint)
-            # One flat index instead of three: four times as fast.
-            return np.asarray(sums.reshape(len(sums), -1).take(rows[:, None] * sums.shape[2] + columns, axis=1))
+            return self._take_sums(joint, rows[:, None], columns)
         sums = np.zeros((len(sets.members), len(rows), len(columns)))
         for stack in self.list_row_stacks(joint):
             stack.add_sums(sets, rows, columns, sums)
@@ -336,7 +334,7 @@ class Products:
     def sum_pairs(self, joint: int, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (sets, l) of pairs (l,) of a joint's columns over sets of blocks."""
         if self._keeps_sums(sets):
-            return self._get_sums(joint)[:, rows, columns]
+            return self._take_sums(joint, rows, columns)
         return np.asarray(np.tensordot(sets.members[:, sets.cells], self.take_products(joint, rows, columns), 1))
 
     def list_row_stacks(self, joint: int) -> list[RowStack]:
@@ -349,17 +347,18 @@ class Products:
 
     @cached_property
     def _has_few_sums(self) -> bool:
-        """Whether the sums of all columns are few numbers, of all combinations of rows: where joints are few."""
+        """Whether the sums of all columns are few numbers, of all kinds of rows: where joints are few."""
         squares = sum((int((where >= 0).sum()) + 1) ** 2 for where in self.position)
-        return _COMBINATIONS * len(self.sets.members) * squares <= MOST_PRODUCTS
+        return _ROW_KINDS * len(self.sets.members) * squares <= MOST_PRODUCTS
 
-    def _get_sums(self, joint: int) -> FloatArray:
-        """Return the products (sets, p + 1, p + 1) of all columns of a joint's rows in the folds of scores."""
-        return self.find_cached(("sums", joint), lambda: self._build_sums(joint))
-
-    def _build_sums(self, joint: int) -> FloatArray:
-        first, *others = (stack.get_sums(self.sets) for stack in self.list_row_stacks(joint))
-        return sum(others, first)
+    def _take_sums(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the kept products (sets, *shape) of a joint's rows at these places, whose shapes are broadcast."""
+        kinds = [stack.get_sums(self.sets) for stack in self.list_row_stacks(joint)]
+        wide = kinds[0].shape[2]
+        # One flat index instead of three: four times as fast. The last place may be called -1.
+        places = rows % wide * wide + columns % wide
+        first, *others = (sums.reshape(len(sums), -1).take(places, axis=1) for sums in kinds)
+        return np.asarray(sum(others, first))
 
     def number_sets(self, kinds: Sequence[str]) -> BlockSets:
         """Return folds of some kinds as sets of blocks."""
