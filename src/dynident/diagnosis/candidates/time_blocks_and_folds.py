@@ -295,7 +295,7 @@ class Products:
         """Return the products (k, l) of a joint over all blocks, at some of its places."""
         if self._has_few_sums and len(self.list_row_stacks(joint)) == len(self.stacks[joint]):
             # The first set is all blocks.
-            return self._take_sums(joint, rows[:, None], columns)[0]
+            return np.asarray(self._take_sums(joint, rows[:, None], columns)[0])
         first, *others = (stack.sum_products(rows, columns) for stack in self.stacks[joint])
         return sum(others, first)
 
