@@ -63,17 +63,29 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _sample_sweeps(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out four of five cases of a sweep: by their names, so that every machine runs the same ones."""
-    sampled: set[str] = set()
+    sampled: set[tuple[object, ...]] = set()
     kept, left_out = [], []
     for item in items:
-        test = item.nodeid.partition("[")[0]
-        # The first case of each test runs in any case: no test falls out as a whole.
-        is_kept = "sweep" not in item.keywords or test not in sampled or zlib.crc32(item.nodeid.encode()) % 5 == 0
-        sampled.add(test)
+        is_sweep, group = _find_like_cases(item)
+        # The first of like cases runs in any case: no test falls out as a whole.
+        is_kept = not is_sweep or group not in sampled or zlib.crc32(item.nodeid.encode()) % 5 == 0
+        sampled.add(group)
         (kept if is_kept else left_out).append(item)
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = kept
+
+
+def _find_like_cases(item: pytest.Item) -> tuple[bool, tuple[object, ...]]:
+    """Return whether a case is one of a sweep, and what it has in common with the cases that are like it.
+
+    All cases of a test that is marked are a sweep, and those of any test that differ in nothing but a seed.
+    """
+    test = item.nodeid.partition("[")[0]
+    indices: dict[str, int] = item.callspec.indices if hasattr(item, "callspec") else {}
+    if "sweep" in item.keywords or "seed" not in indices:
+        return "sweep" in item.keywords, (test,)
+    return True, (test, *sorted(indices.items() - {("seed", indices["seed"])}))
 
 
 @pytest.fixture(scope="session")

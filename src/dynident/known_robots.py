@@ -51,6 +51,11 @@ def _describe_missing_file(path: Path) -> str:
     return f"there is no file {path}{suggest_names(path.name, (other.name for other in path.parent.iterdir()))}"
 
 
+def _fold_name(name: str) -> str:
+    """Return a name without what people write differently: capitals, hyphens, spaces."""
+    return "".join(letter for letter in name.casefold() if letter.isalnum())
+
+
 def locate_robot(text: str) -> Path | None:
     """Return the file that a text names: a path, or the name of a stock robot; None for an arm of this package.
 
@@ -69,6 +74,9 @@ def locate_robot(text: str) -> Path | None:
         return stock[text]
     if path.suffix or len(path.parts) > 1:
         raise DynidentError(_describe_missing_file(path), pointer="ROBOT", title="Unknown robot")
+    alike = [name for name in stock if _fold_name(name) == _fold_name(text)]
+    if len(alike) == 1:
+        return stock[alike[0]]
     alike = [name for name in stock if name.startswith(f"{text}_")] if text else []
     # The plain machine, of which the others are variants: their names say the same and more ("with hand").
     plain = [name for name in alike if all(set(name.split("_")) <= set(other.split("_")) for other in alike)]
@@ -83,6 +91,7 @@ def locate_robot(text: str) -> Path | None:
         names = (*list_library_arms(), *sorted(stock))
         if not stock:
             names = (*names, f"and, after `pip install {_STOCK_PACKAGE}`, its robots, such as so101")
-        nearest = suggest_names(text, names) or "."
-        detail = f"there is neither a file nor a well-known robot {text!r}{nearest} The robots are: {', '.join(names)}."
+        # A hundred names would hide the one that was meant.
+        advice = suggest_names(text, names) or f". The robots are: {', '.join(names)}."
+        detail = f"there is neither a file nor a well-known robot {text!r}{advice}"
     raise DynidentError(detail, pointer="ROBOT", title="Unknown robot")

@@ -64,6 +64,8 @@ def show_design(console: Console, design: Design, robot: Robot) -> None:
 
 
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
+_MOST_DRAWN = 100
+"""Random motions of which a simulation takes the best, of a robot of up to six joints."""
 
 
 def parse_acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
@@ -97,7 +99,9 @@ def format_true_effect(effect: TrueEffect) -> str:
 def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
     """Read the motion in a file, or draw a random one within the robot's limits."""
     if path is None:
-        request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
+        # W of n joints has about n² entries a sample: a hundred motions of a humanoid would take seconds.
+        count = max(1, min(_MOST_DRAWN, _MOST_DRAWN * 6**2 // robot.n**2))
+        request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed, random_trajectories=count)
         design = design_experiment(robot, request, progress)
         return Reference(design.t, design.q, design.dq, design.ddq)
     return read_reference(path, robot)

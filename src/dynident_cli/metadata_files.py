@@ -210,7 +210,7 @@ def describe_columns(metadata: RecordingMetadata) -> str:
     parts = []
     for kind, columns in columns_by_kind.items():
         unit = metadata.units.get(kind)
-        span = columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
+        span = columns[0] if len(set(columns)) == 1 else f"{columns[0]} … {columns[-1]}"
         parts.append(f"{kind}: {span}{f' ({unit})' if unit else ''}")
     return "; ".join(parts)
 

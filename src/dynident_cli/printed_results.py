@@ -87,6 +87,8 @@ _MANY_JOINTS = 12
 """Of a robot with more joints, such as a humanoid, tables show those joints that are worst."""
 
 _WORST_JOINTS = 8
+_WORST_COMBINATIONS = 3
+"""Combinations of parameters that hardly show; of so many joints, there are more than anybody reads here."""
 
 EXIT_STOPPED = 3
 """The exit code of a model that is not to be used."""
@@ -126,7 +128,9 @@ def show_identification(console: Console, identification: Identification, *, par
         else:
             base_table = build_parameter_table("Base parameters", identification.parameters)
             print_tables(console, [base_table.drop_columns(*_TOO_WIDE)])
-        for sentence in parameter_dependence(identification).sentences:
+        sentences = parameter_dependence(identification).sentences
+        most = _WORST_COMBINATIONS if len(joints) > _MANY_JOINTS else len(sentences)
+        for sentence in sentences[:most]:
             console.print(f"  {sentence}")
         console.print(
             f"Scaled condition number of W: {describe_condition_number(identification)}; "

@@ -165,7 +165,7 @@ def test_what_is_printed_says_what_matters(shown: dict[str, Any]) -> None:
     assert "Fst1" in repr(shown["parameters"])
     assert "✓ best" in repr(shown["ladder"])
     assert "Coulomb friction" in repr(shown["changes"])
-    assert "Condition number" in repr(shown["design"])
+    assert "condition number" in repr(shown["design"])
 
 
 def test_many_parameters_and_many_recordings_are_cut_short(shown: dict[str, Any]) -> None:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from support.running_commands import dynident
 
-from dynident.robot import robot_from_library, urdf_from_robot
+from dynident.excitation import Design, DesignRequest, design_experiment
+from dynident.progress import Progress, ignore_progress
+from dynident.robot import Robot, robot_from_library, urdf_from_robot
+from dynident_cli import design_and_simulation_files
 
 QUICK = ("--duration", 3, "--harmonics", 3, "--rate", 50, "--time-budget", 1)
 
@@ -148,10 +152,25 @@ def test_the_values_of_a_simulated_effect_are_told_as_the_option_takes_them(tmp_
     assert line in again.out
 
 
+@pytest.mark.parametrize(("name", "most"), [("scara", 100), ("dual_arm", 60)])
+def test_a_simulation_draws_fewer_motions_of_many_joints(monkeypatch: pytest.MonkeyPatch, name: str, most: int) -> None:
+    requests: list[DesignRequest] = []
+
+    def design(robot: Robot, request: DesignRequest, progress: Progress) -> Design:
+        requests.append(request)
+        return design_experiment(robot, replace(request, random_trajectories=1), progress)
+
+    monkeypatch.setattr(design_and_simulation_files, "design_experiment", design)
+    robot = robot_from_library(name)
+    assert design_and_simulation_files.load_reference(None, robot, 1, ignore_progress).duration > 5.0
+    # A hundred motions of a humanoid take seconds, and nothing is compared with them here.
+    assert 0 < requests[0].random_trajectories <= most
+
+
 def test_a_random_motion_is_not_compared_with_itself(tmp_path: Path) -> None:
     answer = dynident("design", "scara", "--kind", "random", "--seed", 1, "-o", tmp_path / "t.csv")
     assert answer.code == 0, answer.err
     said = " ".join(answer.out.split())
     assert "this motion, the best of 100 random motions" in said
-    assert re.search(r"Condition number [\d.]+, the best of 100 random motions, whose median is [\d ]+", said)
+    assert re.search(r"Scaled condition number [\d.]+, the best of 100 random motions, whose median is [\d ]+", said)
     assert said.count("best of 100 random motions") == 2

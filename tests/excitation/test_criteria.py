@@ -73,6 +73,18 @@ def test_neither_the_number_of_samples_nor_their_order_changes_a_value():
     assert once.criterion == pytest.approx(twice.criterion)
 
 
+def test_units_of_parameters_change_no_scaled_condition_number():
+    w = np.random.default_rng(3).standard_normal((80, len(A_PRIORI)))
+    in_si, in_grams = (
+        compute_true_values(CriterionChoice(), rows, 20, A_PRIORI)
+        for rows in (w, w * np.geomspace(1.0, 1e-3, w.shape[1]))
+    )
+    assert in_grams.condition_number > 100 * in_si.condition_number
+    assert in_grams.scaled_condition_number == pytest.approx(in_si.scaled_condition_number)
+    normalised = w / np.linalg.norm(w, axis=0)
+    assert in_si.scaled_condition_number == pytest.approx(np.linalg.cond(normalised))
+
+
 def test_a_matrix_without_full_rank_has_an_infinite_condition_number_and_a_finite_gradient():
     w = drawn(0)
     w[:, 5] = w[:, 4]

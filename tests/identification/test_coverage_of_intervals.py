@@ -34,7 +34,7 @@ def coverage(thorough: bool) -> Coverage:
 @pytest.fixture(scope="module")
 def shared(thorough: bool) -> Coverage:
     # What counts samples or joints as independent is far from 95 %: fewer recordings show it.
-    return study(200 if thorough else 40, memory=MEMORIES[0])
+    return study(200 if thorough else 16, memory=MEMORIES[0])
 
 
 @pytest.mark.slow
@@ -63,8 +63,8 @@ USUAL = [("estimator", "wls", 0.0), ("estimator", "wls", 0.5), ("strategy", "seq
         for memory in SLOW
     ],
 )
-def test_intervals_hold_however_slow_the_residuals_of_each_joint(field, way, memory):
-    shares = study_slow(VirtualArm(build_two_joints()), {field: way}, memory, 200, 71_001)
+def test_intervals_hold_however_slow_the_residuals_of_each_joint(field, way, memory, thorough):
+    shares = study_slow(VirtualArm(build_two_joints()), {field: way}, memory, 200 if thorough else 80, 71_001)
     assert 0.92 <= shares["all"] <= 0.98
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+import pyarrow.csv as pacsv
 import pytest
 from scipy.interpolate import CubicSpline
 from support.floating_robots import (
@@ -119,6 +120,40 @@ def test_mass_friction_and_rotors_are_found_whatever_holds_the_robot(
     errors = {row.joint: row for row in model.errors}
     for name in robot.joint_names if kind != "flight" else robot.joint_names[6:]:
         assert errors[name].held_out < 0.02
+
+
+@pytest.mark.parametrize("name", ["base_acc_{}", "imu_linear_acceleration_{}"])
+def test_an_accelerometer_stands_for_the_position_of_the_base(robot: Robot, tmp_path: Path, name: str) -> None:
+    rng, files = np.random.default_rng(4), write_runs(tmp_path, "harness", (1, 2))
+    for seed, file in enumerate(files, start=1):
+        motion, rows = draw_motion(seed), pacsv.read_csv(file)
+        linear, omega = motion.v[:, :3], motion.v[:, 3:6]
+        weight = np.array([pin.Quaternion(q).matrix().T @ [0.0, 0.0, 9.81] for q in motion.q[:, 3:7]])
+        # Noise and bias as of a cheap sensor.
+        force = motion.a[:, :3] + np.cross(omega, linear) + weight + 0.02 + 0.05 * rng.normal(size=weight.shape)
+        for k, axis in enumerate("xyz"):
+            rows = rows.drop_columns(f"base_{axis}").append_column(name.format(axis), [force[:, k]])
+        pacsv.write_csv(rows, file)
+    assert not dy.inspect(files[0], robot).questions
+    recordings = dy.read_recordings(*files, robot=robot)
+    model = dy.identify(robot, recordings[:1], validation=recordings[1:])
+    assert next(row.value for row in model.parameters if row.name == "M6") == pytest.approx(MASS, rel=5e-3)
+    assert all(row.held_out < 0.05 for row in model.errors)
+
+
+def test_the_forces_that_hold_a_robot_without_torques_give_its_mass(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating")
+    files = write_runs(tmp_path, "harness", (1, 2))
+    for file in files:
+        rows = pacsv.read_csv(file)
+        pacsv.write_csv(rows.select([name for name in rows.column_names if not name.startswith("tau")]), file)
+    found = dy.inspect(files[0], robot)
+    assert not found.questions
+    recordings = dy.read_recordings(*files, robot=robot, **found.said)
+    model = dy.identify(robot, recordings[:1], validation=recordings[1:])
+    assert next(row.value for row in model.parameters if row.name == "M6") == pytest.approx(MASS, rel=2e-3)
+    assert any("The torque of all joints was not recorded" in warning for warning in model.warnings)
 
 
 def test_unknown_forces_of_the_ground_are_eliminated(tmp_path: Path) -> None:

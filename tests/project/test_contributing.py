@@ -1,9 +1,11 @@
-"""The page for contributors is short, and what it names is there."""
+"""The page for contributors is short, what it names is there, and like cases of tests are sampled."""
 
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -40,3 +42,21 @@ def test_files_among_the_effects_are_found_by_themselves() -> None:
     found = {effect.id for effect in list_package_effects()}
     assert found
     assert found <= set(CATALOGUE)
+
+
+def test_of_cases_that_differ_in_a_seed_alone_a_fifth_is_run_and_of_every_kind_one() -> None:
+    left_out: list[object] = []
+    config = SimpleNamespace(hook=SimpleNamespace(pytest_deselected=lambda items: left_out.extend(items)))
+
+    def case(name: str, **indices: int) -> SimpleNamespace:
+        number = "-".join(map(str, indices.values()))
+        return SimpleNamespace(nodeid=f"{name}[{number}]", keywords=(), callspec=SimpleNamespace(indices=indices))
+
+    drawn = [case("drawn", arm=arm, seed=seed) for arm in range(3) for seed in range(40)]
+    kinds = [case("kinds", arm=arm) for arm in range(40)]
+    items = [*drawn, *kinds]
+    runpy.run_path(str(ROOT / "tests" / "conftest.py"))["_sample_sweeps"](config, items)
+    assert [item for item in items if item in kinds] == kinds
+    assert {item.callspec.indices["arm"] for item in items if item.callspec.indices.get("seed") == 0} == {0, 1, 2}
+    assert 0.1 < (len(items) - len(kinds)) / len(drawn) < 0.3
+    assert len(left_out) + len(items) == len(drawn) + len(kinds)

@@ -7,7 +7,7 @@ import os
 import runpy
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,8 @@ WITH_RECORDINGS = {
     "readme_figures": "--arms 1",
 }
 """The same of scripts that need recordings of real robots."""
+LONG = {"acceptance", "drift_coverage", "readme_figures", "walking_robots"}
+"""Scripts that take most of a minute on the least of data; tests of their own hold what they measure."""
 ELSEWHERE = {
     "drift_beside_mujoco_sysid": "needs the wheels of mujoco[sysid], in an environment of its own",
     "chaos": "tests/service/test_chaos.py",
@@ -133,6 +135,11 @@ def test_fewer_seconds_and_more_samples_are_better(run: dict[str, Any]) -> None:
     ]
 
 
+def mark_long(names: Iterable[str]) -> list[Any]:
+    """Return the names of scripts as parameters of a test; those that take long run with --thorough."""
+    return [pytest.param(name, marks=pytest.mark.thorough if name in LONG else ()) for name in names]
+
+
 def run_small(name: str, words: str, folder: Path) -> None:
     """Run a script in a process of its own, as the page says."""
     paths = [*sys.path, str(TESTS), str(TESTS / "recordings")]
@@ -145,7 +152,7 @@ def run_small(name: str, words: str, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.sweep
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize("name", mark_long(SMALL))
 def test_a_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
     run_small(name, SMALL[name], tmp_path)
 
@@ -153,11 +160,7 @@ def test_a_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.sweep
-@pytest.mark.parametrize(
-    # Tests of real robots hold the README's errors.
-    "name",
-    [pytest.param(name, marks=pytest.mark.thorough if name == "readme_figures" else ()) for name in WITH_RECORDINGS],
-)
+@pytest.mark.parametrize("name", mark_long(WITH_RECORDINGS))
 def test_a_benchmark_on_recordings_of_real_robots_runs_to_its_end(name: str, tmp_path: Path) -> None:
     if not (BENCHMARKS.parents[1] / "shared" / "data").is_dir():
         pytest.skip("the recordings of real robots are not here (../shared/data is missing)")

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -24,7 +25,8 @@ from support.exported_tables import EXPORTED_TABLES, FILES_OF_RUNS, split_runs
 from support.floating_robots import WALKER, draw_motion, stand_on_shin, write_log
 from support.logger_layouts import cells, counted, table, written
 from support.oracles import crooked_urdf
-from test_layouts_of_loggers import CASES, check_signals, machine, read_as_proposed, recorded
+from test_layouts_of_loggers import CASES, check_signals, machine, read_as_proposed
+from test_layouts_of_loggers import recorded as record_layout
 
 import dynident.recordings
 from dynident.api.recording_files import read_recordings
@@ -40,6 +42,9 @@ from dynident.recordings.formats import csv_and_parquet, json_records, open_sour
 from dynident.recordings.formats.text_streams import TextContent, find_stated_rate
 from dynident.robot import robot_from_urdf
 from dynident.robot.description_and_json import set_base
+
+# Half of the rows that loggers write: a layout is the same in all of them.
+recorded = partial(record_layout, duration=5.0)
 
 
 @pytest.mark.parametrize("layout", EXPORTED_TABLES)
@@ -211,9 +216,10 @@ def test_columns_of_a_floating_base_are_proposed(tmp_path):
 def test_every_module_of_recordings_can_be_imported_first(tmp_path):
     names = [module.name for module in pkgutil.walk_packages(dynident.recordings.__path__, "dynident.recordings.")]
     assert len(names) > 50
+    # Packages of others are imported once, ahead of the forks.
     program = (
         "import os, sys\n"
-        "import numpy, pyarrow.csv, pydantic\n"
+        "import casadi, pyarrow.csv, pyarrow.parquet, pydantic, scipy.signal\n"
         "for name in sys.argv[1:]:\n"
         "    child = os.fork()\n"
         "    if not child:\n"
@@ -791,7 +797,7 @@ def test_lengths_of_a_description_in_another_unit_are_named(tmp_path, unit, per_
 
 
 def test_checks_name_seconds_also_of_times_since_1970(tmp_path):
-    run = recorded(*CASES[0])
+    run = recorded(*CASES[0], duration=10.0)
     start, tau = 1.7e9, run.tau.copy()
     limit = 0.7 * np.abs(tau[:, 1]).max()
     tau[:, 1] = np.clip(tau[:, 1], -limit, limit)

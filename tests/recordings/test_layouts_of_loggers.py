@@ -32,10 +32,10 @@ def machine(name: str) -> Robot:
     return arm(name)
 
 
-def recorded(name: str, rate: float, seed: int) -> Recorded:
+def recorded(name: str, rate: float, seed: int, duration: float = 10.0) -> Recorded:
     """Measured on a robot that moves by its description, with friction and some noise."""
     robot, rng = machine(name), np.random.default_rng(seed)
-    motion = fourier_motion(robot, 10.0, rate, seed)
+    motion = fourier_motion(robot, duration, rate, seed)
     tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
     tau = tau + 0.01 * np.abs(tau).max(axis=0) * (np.sign(motion.dq) + rng.normal(0.0, 0.3, tau.shape))
     slides = tuple(joint.kind == "prismatic" for joint in robot.joints)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
+from support.oracles import arm, fourier_motion, record
 
 from dynident.effects import CATALOGUE, ShapeSpec
 from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.presentation.model_tables import build_shape_table
+from dynident.presentation.recording_tables import ShownRecording, describe_findings
 from dynident.presentation.tables import Cell, ReportedTable, make_interval_cell, make_number_cell, make_text_cells
 from dynident.presentation.validation_and_verdict_tables import build_figure_tables
+from dynident.recordings import Check
 from dynident_cli.printed_results import fold_joints
 
 KINDS = [(effect.id, spec) for effect in CATALOGUE.values() for spec in effect.shapes if spec.words]
@@ -85,3 +91,17 @@ def test_the_total_of_an_earlier_version_does_not_stand_below_errors_of_other_ro
 
     assert [row[0] for row in build({"relative": [0.01], "relative_total": 0.01}).texts] == ["a", "b", "all"]
     assert [row[0] for row in build(None).texts] == ["a", "b"]
+
+
+def test_what_is_found_of_several_recordings_alike_is_said_once() -> None:
+    motion = fourier_motion(arm("scara"), 2.0, 50.0)
+    recording = record(arm("scara"), motion, np.zeros_like(motion.q))
+    gap, jitter = Check("gaps", "warning", "a gap"), Check("sampling_jitter", "warning", "it jitters")
+    shown = [
+        ShownRecording(replace(recording, name=f"run{k}"), (jitter, gap) if k == 2 else (Check("gaps", "ok", ""), gap))
+        for k in range(1, 6)
+    ]
+    assert list(describe_findings(shown)) == [
+        "! run1, run2, run3 and 2 more, gaps: a gap",
+        "! run2, sampling jitter: it jitters",
+    ]

@@ -107,7 +107,7 @@ def test_a_shape_without_sizes_is_refused_with_its_link():
 
 
 def test_known_arms_have_capsules_on_every_link_and_tables_take_them():
-    for name in ("franka_panda", "ur5", "ur10"):
+    for name in ("franka_panda", "ur5", "ur10", "ur10e"):
         geometry = collision_geometry(robot_from_library(name))
         assert [body.joint for body in geometry.bodies] == list(range(-1, robot_from_library(name).n))
     row = {"d": 0.3, "capsules": [{"from": [0, 0, 0], "to": [0.2, 0, 0], "radius": 0.05}]}

@@ -47,6 +47,11 @@ def test_the_beginning_of_a_name_is_enough_where_one_robot_has_it(stock: Path) -
         locate_robot("g1")
 
 
+@pytest.mark.parametrize("written", ["ARM-7", "arm 7", "Arm_7"])
+def test_capitals_hyphens_and_spaces_do_not_count(stock: Path, written: str) -> None:
+    assert locate_robot(written) == stock / "arm_description/urdf/arm7.urdf"
+
+
 def test_of_variants_of_one_robot_the_plain_one_is_meant(stock: Path) -> None:
     assert locate_robot("walker") == stock / "walker_description/urdf/walker_12dof_v1.urdf"
     assert locate_robot("walker_12dof_with_hand_v1").stem == "walker_12dof_with_hand_v1"
@@ -61,10 +66,13 @@ def test_a_file_comes_first_and_then_the_arms_of_this_package(stock: Path, tmp_p
 
 def test_an_unknown_name_lists_what_there_is(stock: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(
-        DynidentError, match=r"well-known robot 'ur100'; did you mean 'ur10'\?.* scara, ur10, ur5, a, arm7"
+        DynidentError, match=r"well-known robot 'crane'\. The robots are: .* scara, ur10, ur10e, ur5, a, arm7"
     ) as caught:
-        locate_robot("ur100")
+        locate_robot("crane")
     assert caught.value.pointer == "ROBOT"
+    # Where one name is near, a hundred others would hide it.
+    with pytest.raises(DynidentError, match=r"well-known robot 'ur100'; did you mean 'ur10' or 'ur10e'\?$"):
+        locate_robot("ur100")
     monkeypatch.setattr("sys.path", [])
     with pytest.raises(DynidentError, match="pip install example-robot-data"):
         locate_robot("")

@@ -182,13 +182,19 @@ def test_a_client_that_lost_its_connection_follows_on_where_it_was(serve: Serve,
         assert [int(event.id) for event in source] == identifiers
 
 
-def test_a_campaign_of_ten_runs_goes_on_through_two_kills(serve: Serve, database_of_service: Database) -> None:
+# How many runs, in which the service is killed while it designs, and in which while it estimates.
+@pytest.mark.parametrize(
+    ("runs", "designing", "estimating"), [(5, 2, 4), pytest.param(10, 4, 7, marks=pytest.mark.thorough)]
+)
+def test_a_campaign_goes_on_through_two_kills(
+    serve: Serve, database_of_service: Database, runs: int, designing: int, estimating: int
+) -> None:
     process, http = serve(WHOLE_SERVICE)
     live = Client(str(http.base_url))
     robot = live.robots.create("scara", modified_dh=library_table("scara"))
     campaign_id = live.campaigns.create(
         robot,
-        # Not reached in ten runs of so few seconds, but within reach of the robot time that is left.
+        # Not reached in so few runs of so few seconds, but within reach of the robot time that is left.
         goal={"kind": "parameters", "parameters": ["Fc1"], "error": 0.001},
         budget={"robot_time": 360000.0, "runs": 10000},
         trajectory={"duration": 4.0, "harmonics": 2, "sampling_rate": 100.0},
@@ -196,9 +202,9 @@ def test_a_campaign_of_ten_runs_goes_on_through_two_kills(serve: Serve, database
     ).id
     drives = [{"effect": "rotor_inertia"}, {"effect": "coulomb"}, {"effect": "viscous"}]
     told, asked = [], []
-    for number in range(1, 11):
+    for number in range(1, runs + 1):
         step = live.campaigns.ask(campaign_id)
-        if number == 4:
+        if number == designing:
             process, live = kill_and_start_again(serve, process, live, database_of_service, step["job_id"])
             # Asked again, as a client does that lost the answer: the same motion.
             assert live.campaigns.ask(campaign_id).id == step.id
@@ -209,18 +215,18 @@ def test_a_campaign_of_ten_runs_goes_on_through_two_kills(serve: Serve, database
         told.append(simulation.result["measurement_id"])
         asked.append(design.id)
         step = live.campaigns.tell(campaign_id, told[-1])
-        if number == 7:
+        if number == estimating:
             process, live = kill_and_start_again(serve, process, live, database_of_service, step["job_id"])
             assert live.campaigns.get(campaign_id).state == "estimating"
         model = live.identifications.get(step.id).wait()
         assert model["request"]["measurement_ids"] == told
     campaign = live.campaigns.get(campaign_id)
     assert campaign.state == "asking", campaign["decision"]
-    runs = [made for one in campaign.steps for made in one["runs"]]
-    assert [made["measurement_id"] for made in runs] == told
-    assert [made["design_id"] for made in runs] == asked
-    assert all(made["promised"] for made in runs[1:])
-    assert max(runs[-1]["achieved"]) < 0.5 * max(runs[0]["achieved"])
+    recorded = [run for step in campaign.steps for run in step["runs"]]
+    assert [run["measurement_id"] for run in recorded] == told
+    assert [run["design_id"] for run in recorded] == asked
+    assert all(run["promised"] for run in recorded[1:])
+    assert max(recorded[-1]["achieved"]) < 0.5 * max(recorded[0]["achieved"])
 
 
 def kill_and_start_again(

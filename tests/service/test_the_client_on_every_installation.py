@@ -97,7 +97,11 @@ class Bench:
     answered: set[str] = field(default_factory=set)
 
 
-@pytest.fixture(scope="module", params=[SMALLEST, *(pytest.param(name, marks=pytest.mark.slow) for name in LARGER)])
+# The largest has the database and the store of the one between, and differs by its cluster alone.
+MARKS = dict(zip(LARGER, (pytest.mark.thorough, pytest.mark.slow), strict=True))
+
+
+@pytest.fixture(scope="module", params=[SMALLEST, *(pytest.param(name, marks=MARKS[name]) for name in LARGER)])
 def installation(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

@@ -63,7 +63,11 @@ _OrInfinite = Annotated[float | None, SourcePath(null=inf)]
 class CriterionValues(ViewModel):
     """How well a motion excites the parameters; singular values are those of W / √N."""
 
-    condition_number: _OrInfinite = Field(description="[12.12]; null if W does not have full rank")
+    condition_number: _OrInfinite = Field(description="[12.12], in SI units; null if W does not have full rank")
+    scaled_condition_number: _OrInfinite = Field(
+        default=None,
+        description="Of columns of equal size, without units; null if W does not have full rank, and of older designs",
+    )
     criterion: _OrInfinite
     smallest_singular_value: _OrInfinite
     largest_singular_value: _OrInfinite
@@ -76,6 +80,7 @@ class BaselineValues(CriterionValues):
 
     count: int
     median_condition_number: _OrInfinite
+    median_scaled_condition_number: _OrInfinite = None
 
 
 class Margin(ViewModel):

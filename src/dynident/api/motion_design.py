@@ -67,6 +67,11 @@ class DesignedMotion(Framed):
         """Condition number of W, [12.12], of the parameters in their SI units; `Model.condition_number` is the same."""
         return self.design.criterion_values.condition_number
 
+    @property
+    def scaled_condition_number(self) -> float:
+        """Condition number of W with columns of equal size, which has no units; as that of a `Model`."""
+        return self.design.criterion_values.scaled_condition_number
+
     def save(self, path: str | Path, speed: float = 1.0) -> None:
         """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.
 

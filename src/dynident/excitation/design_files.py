@@ -207,6 +207,7 @@ def design_document(design: Design) -> dict[str, object]:
         else {
             **_to_dict(baseline.best),
             "median_condition_number": _finite_or_none(baseline.median_condition_number),
+            "median_scaled_condition_number": _finite_or_none(baseline.median_scaled_condition_number),
             "count": baseline.count,
         },
         "margins": [asdict(margin) for margin in design.margins],

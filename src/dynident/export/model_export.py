@@ -157,14 +157,14 @@ _WITHOUT_BASE = {"json", "c", "casadi"} | LOAD_FORMATS
 
 def _list_missing_torque(identification: Identification) -> list[str]:
     """Return the notes on torques that were not recorded, where there are any."""
-    joints, notes = identification.model.robot.joints_without_torque, []
+    joints, notes = identification.model.robot.names_without_torque, []
     if identification.data.from_commands:
         notes.append(OF_COMMANDS)
     if not joints:
         return notes
     return [
         *notes,
-        f"No recording contains the torque of {', '.join(joints)}: the model has neither its friction nor its drive, "
+        f"No recording contains the torque of {joints}: the model has neither its friction nor its drive, "
         "and its torque is that of the links alone.",
     ]
 

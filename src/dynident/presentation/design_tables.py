@@ -32,15 +32,15 @@ def describe_design(design: Design) -> str:
         best = f"the best of {format_count(baseline.count, 'random motion')}"
         # A random motion is compared with the others alone: it is the best of them.
         if design.request.kind == "random":
-            random = f", {best}, whose median is {format_number(baseline.median_condition_number)}"
+            random = f", {best}, whose median is {format_number(baseline.median_scaled_condition_number)}"
         else:
-            random = f"; {best} has {format_number(baseline.best.condition_number)}"
+            random = f"; {best} has {format_number(baseline.best.scaled_condition_number)}"
     # The limit that is used most: it is the one to relax where the motion is too poor.
     nearest = max(design.margins, key=lambda margin: margin.share)
     return (
         f"{format_number(design.duration)} s from rest to rest, {format_count(design.n_samples, 'sample')} at "
-        f"{format_number(design.sampling_rate, 4)} Hz. Condition number "
-        f"{format_number(design.criterion_values.condition_number)}{random}. Nearest limit: "
+        f"{format_number(design.sampling_rate, 4)} Hz. Scaled condition number "
+        f"{format_number(design.criterion_values.scaled_condition_number)}{random}. Nearest limit: "
         f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, {format_percent(nearest.share)} used."
     )
 
@@ -76,24 +76,31 @@ def _build_quality_table(design: Design) -> ReportedTable:
     values, baseline = design.criterion_values, design.baseline
     is_random = design.request.kind == "random" and baseline is not None
     name = f"best of {format_count(baseline.count, 'random motion')}" if baseline is not None else ""
-    rows: list[tuple[str, float, float, float | None]] = [
-        (
-            f"this motion, the {name}" if is_random else "this motion",
-            values.criterion,
-            values.condition_number,
-            values.smallest_singular_value,
-        )
-    ]
+    motions = [(f"this motion, the {name}" if is_random else "this motion", values)]
     if baseline is not None and not is_random:
-        best = baseline.best
-        rows.append((name, best.criterion, best.condition_number, best.smallest_singular_value))
-    cells = [(Cell(name), *map(make_number_cell, numbers)) for name, *numbers in rows]
+        motions.append((name, baseline.best))
+    cells: list[tuple[Cell, ...]] = [
+        (
+            Cell(label),
+            make_number_cell(of_motion.criterion),
+            make_number_cell(of_motion.scaled_condition_number),
+            make_number_cell(of_motion.condition_number),
+            make_number_cell(of_motion.smallest_singular_value),
+        )
+        for label, of_motion in motions
+    ]
     if baseline is not None:
         # The best of many random motions is a lucky one: the median says what to expect of any.
-        median = make_number_cell(baseline.median_condition_number)
-        cells.append((Cell("median of these motions"), Cell("–"), median, Cell("–")))
+        medians = map(make_number_cell, (baseline.median_scaled_condition_number, baseline.median_condition_number))
+        cells.append((Cell("median of these motions"), Cell("–"), *medians, Cell("–")))
     criterion = f"criterion: {design.request.criterion.name.replace('_', ' ')}"
-    columns = ("motion", criterion, "condition number of W", "smallest singular value of W / √N")
+    columns = (
+        "motion",
+        criterion,
+        "scaled condition number (columns of equal size)",
+        "condition number in SI units",
+        "smallest singular value of W / √N",
+    )
     table = ReportedTable("Quality of the motion", columns, tuple(cells), name="quality")
     # The condition number as the criterion is one column.
     return table.drop_columns(criterion) if design.request.criterion.name == "condition_number" else table

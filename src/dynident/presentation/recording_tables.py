@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 CHECK_MARKS: dict[str, tuple[str, Mark]] = {"ok": ("✓", "ok"), "warning": ("!", "warning"), "error": ("✕", "error")}
 _MOST_WINDOWS = 5
+_MOST_RECORDINGS = 3
+"""Recordings that a finding names; of a night of runs their number says more."""
 _ROWS = "after filter and decimation"
 
 
@@ -82,13 +84,18 @@ def format_windows(recording: Recording) -> str:
 
 
 def describe_findings(items: Iterable[ShownRecording]) -> Iterator[str]:
-    """Yield a line for each check that is not ok."""
+    """Yield a line for each check that is not ok; one for all recordings that it says the same of."""
+    recordings: dict[tuple[str, str, str], list[str]] = {}
     # Passed checks are no news: that the recording is shown says already that the file was read.
     for item in items:
         for check in item.checks:
             if check.status != "ok":
-                name = check.name.replace("_", " ")
-                yield f"{CHECK_MARKS[check.status][0]} {item.recording.name}, {name}: {check.detail}"
+                finding = CHECK_MARKS[check.status][0], check.name.replace("_", " "), check.detail
+                recordings.setdefault(finding, []).append(item.recording.name)
+    for (mark, check_name, detail), names in recordings.items():
+        further = len(names) - _MOST_RECORDINGS
+        listed = ", ".join(names[:_MOST_RECORDINGS]) + (f" and {further} more" if further > 0 else "")
+        yield f"{mark} {listed}, {check_name}: {detail}"
 
 
 def build_check_table(title: str, checks: Iterable[tuple[str, Check]]) -> ReportedTable:

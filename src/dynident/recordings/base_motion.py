@@ -1,7 +1,8 @@
 """Motion of a base that moves, and forces on the robot from outside: from columns of a file to coordinates and torques.
 
 A file states the pose of the base by its position and a unit quaternion. The quaternion becomes the angles yaw, pitch
-and roll, R = Rz Ry Rx, which are singular at a pitch of 90°: rows near it are left out (`STEEPEST`).
+and roll, R = Rz Ry Rx, which are singular at a pitch of 90°: rows near it are left out (`STEEPEST`). In place of a
+position, an accelerometer is integrated twice: the equations contain only the acceleration of the base.
 
 Measured wrenches of the surroundings on links, as of foot sensors and force plates, are torques Jᵀw of all joints that
 move the link, those of the base among them. They are added to what the motors give: W χ = τ + Σ Jᵀw.
@@ -34,6 +35,8 @@ _MIXED = 1e-9
 _ANGLES = ("base_yaw", "base_pitch", "base_roll")
 POSITION = ("base_x", "base_y", "base_z")
 QUATERNION = ("base_qx", "base_qy", "base_qz", "base_qw")
+ACCELERATION = ("base_acc_x", "base_acc_y", "base_acc_z")
+"""What an accelerometer at the origin of the root link measures along its axes, m/s²: 9.81 upwards at rest."""
 _COORDINATES = ((*POSITION, *_ANGLES), ("base_x", "base_y", "base_yaw"))
 """Of a floating and of a planar base."""
 _BODIES = ("base", "root", "pelvis", "trunk", "torso", "body", "floating", "odom", "odometry", "mocap", "imu")
@@ -43,6 +46,9 @@ _NO_POSE = frozenset(
     | {"rate", "force", "torque", "wrench", "cmd", "command", "desired", "target", "ref", "covariance"}
 )
 """Words of names that are no pose, or none that was measured."""
+_ACCELERATION_NAME = re.compile(r"_?(?:lin_|linear_)?(?:acc|accel|acceleration|accelerometer)_?([xyz]|[012])$")
+_LINEAR = frozenset({"lin", "linear", "acc", "accel", "acceleration"})
+_GRAVITY = np.array([0.0, 0.0, -9.81])
 _POSITION_NAME = re.compile(r"_(?:pos|position|p|translation|xyz)?_?([xyz]|[012])$")
 _ORIENTATION_NAME = re.compile(r"_(?:quat|quaternion|orientation|ori|rot|rotation|q)_?([xyzw])$")
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -78,12 +84,17 @@ def find_base_columns(names: Sequence[str], metadata: RecordingMetadata) -> dict
     dict of str to str
         The file's column by ours: base_x, base_y, base_z, base_qx, base_qy, base_qz, base_qw, as far as they are known.
         Quaternions whose components are numbered are not guessed: the order of the components differs between loggers.
+        Without a position, base_acc_x, base_acc_y and base_acc_z of an accelerometer.
     """
     groups: dict[tuple[int, str], dict[str, str]] = {}
     for name in names:
         words = _split_name(name)
         parts = words.split("_")
         rank = next((k for k, body in enumerate(_BODIES) if body in parts), None)
+        is_sensor = (rank is not None or "accelerometer" in parts) and not (_NO_POSE - _LINEAR) & set(parts)
+        if is_sensor and (match := _ACCELERATION_NAME.search(words)):
+            component = dict(zip("012", "xyz", strict=True)).get(match[1], match[1])
+            groups.setdefault((rank or 0, words[: match.start()] + "base_acc_"), {})[f"base_acc_{component}"] = name
         if rank is None or _NO_POSE & set(parts):
             continue
         for pattern, prefix in ((_ORIENTATION_NAME, "base_q"), (_POSITION_NAME, "base_")):
@@ -96,8 +107,11 @@ def find_base_columns(names: Sequence[str], metadata: RecordingMetadata) -> dict
         # The most usual name is put last, so that it stands where several would do; half a group says nothing.
         if len(group) == (4 if "base_qx" in group else 3):
             pose |= group
-    stated = {ours: source for ours, source in metadata.columns.items() if ours in (*POSITION, *QUATERNION)}
-    return {**pose, **stated}
+    known = (*POSITION, *QUATERNION, *ACCELERATION)
+    pose |= {ours: source for ours, source in metadata.columns.items() if ours in known}
+    # The position is differentiated twice; the accelerometer's bias and place add to it, so that it comes second.
+    has_position = "base_x" in pose
+    return {ours: source for ours, source in pose.items() if not has_position or ours not in ACCELERATION}
 
 
 class BasePoseSource(FileSource):
@@ -108,33 +122,81 @@ class BasePoseSource(FileSource):
     source : FileSource
         The user's file.
     columns : mapping of str to str
-        Its columns by the names of `find_base_columns`; all four of the quaternion, or none.
+        Its columns by the names of `find_base_columns`; all four of the quaternion, or none; an accelerometer's with
+        these alone.
+    clock : (str, float)
+        Column of the time and its factor to s, for an accelerometer.
     """
 
-    def __init__(self, source: FileSource, columns: Mapping[str, str]) -> None:
-        self._source = source
+    def __init__(self, source: FileSource, columns: Mapping[str, str], clock: tuple[str, float] = ("t", 1.0)) -> None:
+        self._source, self._clock = source, clock
         self._quaternion = [columns[name] for name in QUATERNION if name in columns]
+        self._accelerometer = [columns[name] for name in ACCELERATION if name in columns]
         self._positions = {f"q_{name}": columns[name] for name in POSITION if name in columns}
+        self._integrals = [f"q_{name}" for name in POSITION] if self._accelerometer else []
         self._angles = [f"q_{name}" for name in _ANGLES] if self._quaternion else []
-        super().__init__([*source.names, *self._positions, *self._angles], source.units)
+        super().__init__([*source.names, *self._positions, *self._integrals, *self._angles], source.units)
         self.sample_rows, self.texts = source.sample_rows, source.texts
         self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
-        self.own_remarks = (f"The pose of the base is {', '.join((*self._positions.values(), *self._quaternion))}.",)
+        of_pose = (*self._positions.values(), *self._accelerometer, *self._quaternion)
+        self.own_remarks = (f"The pose of the base is {', '.join(of_pose)}.",)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         turned = any(name in self._angles for name in columns)
-        needed = [self._positions.get(name, name) for name in columns if name not in self._angles]
-        last, first_row = np.full(len(_ANGLES), np.nan), 0
-        for batch in self._source.batches(list(dict.fromkeys([*needed, *(self._quaternion if turned else ())]))):
-            values = {
-                name: batch.column(self._positions.get(name, name)) for name in columns if name not in self._angles
-            }
+        moved = any(name in self._integrals for name in columns)
+        own = [name for name in columns if name not in (*self._angles, *self._integrals)]
+        needed = [self._positions.get(name, name) for name in own]
+        needed += self._quaternion if turned or moved else []
+        needed += [*self._accelerometer, self._clock[0]] if moved else []
+        last, place, first_row = np.full(len(_ANGLES), np.nan), _DoubleIntegral(), 0
+        for batch in self._source.batches(list(dict.fromkeys(needed))):
+            values = {name: batch.column(self._positions.get(name, name)) for name in own}
+
+            def read(names: Sequence[str], batch: pa.RecordBatch = batch, row: int = first_row) -> FloatArray:
+                return np.column_stack([to_float_column(batch, name, row) for name in names])
+
             if turned:
-                quaternion = np.column_stack([to_float_column(batch, name, first_row) for name in self._quaternion])
-                angles = _unwrap(compute_base_angles(quaternion), last)
+                angles = _unwrap(compute_base_angles(read(self._quaternion)), last)
                 values |= {name: from_numbers(angles[:, k]) for k, name in enumerate(self._angles)}
+            if moved:
+                force = _turn(read(self._quaternion), read(self._accelerometer))
+                positions = place.extend(self._clock[1] * read([self._clock[0]])[:, 0], force + _GRAVITY)
+                values |= {name: from_numbers(positions[:, k]) for k, name in enumerate(self._integrals)}
             yield pa.RecordBatch.from_arrays([values[name] for name in columns], names=columns)
             first_row += batch.num_rows
+
+
+class _DoubleIntegral:
+    """The place that an acceleration leads to, block by block. It drifts, but only its second derivative is used."""
+
+    def __init__(self) -> None:
+        self._t, self._a = np.zeros(0), np.zeros((0, 3))
+        self._v, self._p = np.zeros(3), np.zeros(3)
+
+    def extend(self, t: FloatArray, acceleration: FloatArray) -> FloatArray:
+        """Return the places (m, 3) at times t (m,) of accelerations (m, 3), which are linear between the rows."""
+        missing = np.asarray(~np.isfinite(acceleration).all(axis=1))
+        a = np.concatenate([self._a, np.where(missing[:, None], 0.0, acceleration)])
+        times = np.concatenate([self._t, t])
+        # A new run of the file begins where it stands.
+        step = np.diff(times)
+        step = np.where(np.isfinite(step) & (step > 0.0) & (step < 1.0), step, 0.0)[:, None]
+        v = self._v + np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * step * (a[1:] + a[:-1]), axis=0)])
+        way = step * v[:-1] + step**2 * (2.0 * a[:-1] + a[1:]) / 6.0
+        p = self._p + np.concatenate([np.zeros((1, 3)), np.cumsum(way, axis=0)])
+        new: FloatArray = p[len(self._t) :].copy()
+        self._t, self._a, self._v, self._p = times[-1:], a[-1:], v[-1], p[-1]
+        new[missing] = np.nan
+        return new
+
+
+def _turn(quaternion: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return vectors (m, 3) in the world that quaternions (m, 4: x, y, z, w) turn their frame into."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    axis, w = unit[:, :3], unit[:, 3:]
+    across = np.cross(axis, vectors)
+    return np.asarray(vectors + 2.0 * (w * across + np.cross(axis, across)))
 
 
 def compute_base_angles(quaternion: FloatArray) -> FloatArray:
@@ -205,7 +267,7 @@ def add_base_pose(source: FileSource, joints: RecordedJoints, metadata: Recordin
     angles = [name for name in _ANGLES if name in joints.names[: joints.n_base]]
     stated = {*source.names, *metadata.columns}
     if all(name in columns for name in QUATERNION):
-        return BasePoseSource(source, columns)
+        return BasePoseSource(source, columns, _find_clock(metadata))
     if all(name in stated or f"q_{name}" in stated for name in angles):
         return BasePoseSource(source, {name: own for name, own in columns.items() if name in POSITION})
     raise RecordingError(
@@ -215,6 +277,11 @@ def add_base_pose(source: FileSource, joints: RecordedJoints, metadata: Recordin
         pointer="/columns/base_qx",
         title="Missing column",
     )
+
+
+def _find_clock(metadata: RecordingMetadata) -> tuple[str, float]:
+    unit, key = find_unit(metadata.units, "t", ("t",))
+    return metadata.columns.get("t", "t"), find_conversion("t", None, unit, key)[0]
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ class RecordedJoints:
         """Our names of columns that only robots have whose base moves: its pose, and wrenches on links."""
         if not self.n_base:
             return frozenset()
-        pose = {f"base_{component}" for component in ("qx", "qy", "qz", "qw")}
+        pose = {f"base_{component}" for component in ("qx", "qy", "qz", "qw", "acc_x", "acc_y", "acc_z")}
         places = [f"{frame}{link}" for frame in ("", "world_") for link in ("base", *self.links)]
         return frozenset(pose | {f"{place}_{kind}{axis}" for place in places for kind in "fm" for axis in "xyz"})
 

@@ -96,12 +96,13 @@ def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[
         return ()
     names = [joint_names[joint] for joint in layout.without_torque]
     several = len(names) > 1
+    listed = "All joints" if len(names) == len(joint_names) - layout.n_base else ", ".join(names)
     remedy = Remedy("locked_joints", {names[0]: 0})
     return (
         Check(
             "joint_torque",
             "warning",
-            f"{', '.join(names)} {'have' if several else 'has'} no torque: {'their' if several else 'its'} "
+            f"{listed} {'have' if several else 'has'} no torque: {'their' if several else 'its'} "
             f"equation{'s are' if several else ' is'} left out, {'their' if several else 'its'} motion is used. "
             f"Parameters that only {'these torques' if several else 'this torque'} would show "
             f"({'their' if several else 'its'} friction and drive inertia; for the first joint also its inertia) are "

@@ -12,7 +12,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError, KnownNames
 from dynident.robot.description_formats import BASE_JOINTS, BaseKind, DescriptionFormat
-from dynident.robot.joint import Contact, Joint
+from dynident.robot.joint import Contact, Joint, join_joint_names
 from dynident.robot.limits_and_drives import Drive
 from dynident.text_and_html_tables import join_html, render_paragraph, render_table
 from dynident.text_encoding import escape_surrogates
@@ -221,6 +221,11 @@ class Robot(KnownNames):
     def has_torque(self) -> BoolArray:
         """Which joints (n,) have a torque in the data that models of the robot are identified from."""
         return np.array([name not in self.joints_without_torque for name in self.joint_names], dtype=bool)
+
+    @property
+    def names_without_torque(self) -> str:
+        """Names of the joints whose torque was not recorded, for a sentence; empty where there are none."""
+        return join_joint_names(self.joints_without_torque, self.joint_names[self.n_base :])
 
     @property
     def hardware(self) -> dict[str, bool]:

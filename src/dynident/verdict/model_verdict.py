@@ -215,8 +215,7 @@ def verdict(
     at_rest = identification.model.is_at_rest
     stop = None if at_rest else find_stop_cause(identification, recordings, validation, common)
     reservations = [UseFinding("limited", str(overlap), _ANOTHER) for overlap in common if overlap.kind == "repeated"]
-    if identification.model.robot.joints_without_torque:
-        silent = ", ".join(identification.model.robot.joints_without_torque)
+    if silent := identification.model.robot.names_without_torque:
         sentence = f"Not for {silent}, whose torque was not recorded."
         reservations.append(UseFinding("limited", sentence, NextStep(f"Record the torque of {silent}, too.")))
     spans = () if at_rest else find_outlying_spans(identification.data.training).spans

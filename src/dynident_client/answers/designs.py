@@ -11,12 +11,15 @@ class BaselineValues(TypedDict):
     """The best of the random trajectories."""
 
     condition_number: float | None
-    """[12.12]; null if W does not have full rank"""
+    """[12.12], in SI units; null if W does not have full rank"""
     count: int
     criterion: float | None
     largest_singular_value: float | None
     log_determinant: float | None
     median_condition_number: float | None
+    median_scaled_condition_number: float | None
+    scaled_condition_number: float | None
+    """Of columns of equal size, without units; null if W does not have full rank, and of older designs"""
     smallest_singular_value: float | None
     trace_of_inverse: float | None
 
@@ -45,10 +48,12 @@ class CriterionValues(TypedDict):
     """How well a motion excites the parameters; singular values are those of W / √N."""
 
     condition_number: float | None
-    """[12.12]; null if W does not have full rank"""
+    """[12.12], in SI units; null if W does not have full rank"""
     criterion: float | None
     largest_singular_value: float | None
     log_determinant: float | None
+    scaled_condition_number: float | None
+    """Of columns of equal size, without units; null if W does not have full rank, and of older designs"""
     smallest_singular_value: float | None
     trace_of_inverse: float | None
 

@@ -329,11 +329,14 @@ class Baseline:
         Values of the best of them by the chosen criterion.
     median_condition_number : float
         Median of their condition numbers [12.12].
+    median_scaled_condition_number : float
+        Median of those of columns of equal size.
     """
 
     count: int
     best: CriterionValues
     median_condition_number: float
+    median_scaled_condition_number: float = np.inf
 
 
 def compute_baseline(values: Sequence[CriterionValues]) -> Baseline:
@@ -350,7 +353,11 @@ def compute_baseline(values: Sequence[CriterionValues]) -> Baseline:
         The best of them, and their median.
     """
     best = min(values, key=lambda motion_values: motion_values.criterion)
-    return Baseline(len(values), best, float(np.median([motion_values.condition_number for motion_values in values])))
+    medians = (
+        float(np.median([getattr(motion_values, name) for motion_values in values]))
+        for name in ("condition_number", "scaled_condition_number")
+    )
+    return Baseline(len(values), best, *medians)
 
 
 @dataclass(frozen=True)
@@ -367,6 +374,9 @@ class CriterionValues:
         Singular values of W / √N, where W has N samples.
     log_determinant, trace_of_inverse : float
         Logarithm of det M and trace of M⁻¹, with M = WᵀW / N.
+    scaled_condition_number : float
+        That of W with columns of equal size, which does not depend on the units of the parameters. Of a small arm in
+        SI units, [12.12] is a million of any motion.
     """
 
     condition_number: float
@@ -375,6 +385,7 @@ class CriterionValues:
     largest_singular_value: float
     log_determinant: float
     trace_of_inverse: float
+    scaled_condition_number: float = np.inf
 
 
 def compute_true_values(
@@ -406,7 +417,11 @@ def compute_true_values(
     """
     # Divided by √N, so that the values do not depend on the number of samples.
     scaled = w / np.sqrt(n_samples)
-    sigma = np.linalg.svd(scaled, compute_uv=False)
+    # The triangular factor has the singular values of W, and the sizes of its columns, in few rows.
+    factor = np.linalg.qr(scaled, mode="r")
+    sizes = np.linalg.norm(factor, axis=0)
+    sigma = np.linalg.svd(factor, compute_uv=False)
+    of_equal = np.linalg.svd(factor / np.where(sizes > 0.0, sizes, 1.0), compute_uv=False)
     condition = _divide_or_infinite(float(sigma[0]), float(sigma[-1]))
     # Without full rank the smallest singular value is rounding; its inverse would be a large number without meaning.
     full = np.isfinite(condition)
@@ -420,6 +435,7 @@ def compute_true_values(
         largest_singular_value=float(sigma[0]),
         log_determinant=log_determinant,
         trace_of_inverse=inverse_squares,
+        scaled_condition_number=_divide_or_infinite(float(of_equal[0]), float(of_equal[-1])),
     )
 
 

@@ -30,6 +30,7 @@ from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.number_format import format_percent
 from dynident.recordings import Recording
 from dynident.recordings.base_motion import QUATERNION, find_base_columns, find_reactions
+from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.file_source import find_bursts
 from dynident.recordings.pose_recordings import are_poses
 from dynident.recordings.recording_metadata import EffortKind, RecordingError, RecordingMetadata
@@ -467,14 +468,13 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
     if pose:
         work.columns |= {ours: source for ours, source in pose.items() if ours != source}
         work.add_guess("columns/base_qx", ", ".join(pose.values()), 0.9, "the pose of the base, by their names")
-    if not all(name in pose for name in QUATERNION) and not all(
-        name in names or f"q_{name}" in names for name in angles
-    ):
+    has_angles = all(name in names or f"q_{name}" in names for name in angles)
+    if not has_angles and not all(name in pose for name in QUATERNION):
         detail = (
             "The base of this robot moves: which columns are its orientation? Name those of its unit quaternion, "
             f"{', '.join(QUATERNION)}, or of its angles in rad, {', '.join(angles)}."
         )
-        work.questions.append(Question("columns/base_qx", detail, names[:_SHOWN_NAMES]))
+        work.add_question("columns/base_qx", detail, names)
     try:
         reactions = find_reactions(names, build_recorded_joints(robot), nothing_stated)
     except RecordingError as error:
@@ -486,13 +486,15 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
         links = ", ".join(contact.link for contact in robot.contacts)
         reason = "eliminated, as you say of these contacts"
     elif not reactions:
-        feet = Remedy("contacts")
-        links, remedies = "none", (feet,)
+        links, remedies = "none", (Remedy("contacts"),)
         reason = (
             "no columns are <link>_fx … <link>_mz: the file is read as that of a robot that nothing touches; name "
-            f"feet on the ground by {feet}"
+            f"feet on the ground by {remedies[0]}"
         )
     work.add_guess("columns/wrenches", links, 0.9, reason, remedies)
-
-
-_SHOWN_NAMES = 40
+    if reactions and not any(name.signal in ("tau", "current", "effort") for name in work.column_names):
+        # A person or a position-controlled robot on force plates: the joints' own equations are left out.
+        work.questions = [question for question in work.questions if question.field != "columns/tau"]
+        work.columns |= {f"tau{k + 1}": NOT_RECORDED for k in range(work.robot.n)}
+        reason = "no torques: the forces on links suffice for the base's equations"
+        work.add_guess("columns/tau", NOT_RECORDED, 0.9, reason)

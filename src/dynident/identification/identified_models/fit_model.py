@@ -125,9 +125,9 @@ def _warn_of_missing_torque(identification: Identification) -> list[str]:
     model = identification.model
     if not model.robot.joints_without_torque:
         return []
-    hidden = ", ".join(column.name for column in model.hidden_columns)
+    hidden = _join_names([column.name for column in model.hidden_columns])
     return [
-        f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used, but "
+        f"The torque of {model.robot.names_without_torque} was not recorded. The motion is used, but "
         "parameters that only the joint's own equation shows are not identifiable from this "
         f"data{f' ({hidden})' if hidden else ''}. For such a joint the model predicts only the torque of the links, "
         "and no data checked it."
@@ -263,15 +263,17 @@ def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     zero = sum(p.judgement == "zero_in_interval" for p in parameters)
     if not unsure:
         return []
-    names = ", ".join(unsure[:_MOST_NAMED]) + (
-        f" and {len(unsure) - _MOST_NAMED} more" if len(unsure) > _MOST_NAMED else ""
-    )
     others = f" {zero} more are not significantly different from zero." if zero else ""
     return [
         f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above "
         f"{format_percent(DETERMINED, decimals=0)} of the value, or known from the prior rather than from the data): "
-        f"{names}.{others}"
+        f"{_join_names(unsure)}.{others}"
     ]
+
+
+def _join_names(names: Sequence[str]) -> str:
+    further = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {further} more" if further > 0 else "")
 
 
 def _warn_of_overfit(identification: Identification) -> list[str]:

@@ -338,7 +338,7 @@ def check_simulated(estimate: Estimate, mass: FloatArray) -> None:
     DynidentError
         Where the torque of a joint was not recorded, or a mass matrix is not positive definite.
     """
-    silent = ", ".join(estimate.model.robot.joints_without_torque)
+    silent = estimate.model.robot.names_without_torque
     if silent:
         reason = f"the torque of {silent} was not recorded, so its friction is not known; record that of every joint"
     elif (np.linalg.eigvalsh(mass) > 0.0).all():
