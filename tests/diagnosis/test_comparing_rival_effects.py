@@ -127,6 +127,7 @@ def test_a_mass_that_a_spring_would_say_as_well_keeps_its_name_from_day_to_day()
     again = score_family(state, tried[:1], family)
     assert again.is_fresh
     assert again.scored[0].after is family.scored[0].after
+    assert again.draws[0] is family.draws[0]
     judged = family.scored
     choice = select_candidate(state, judged)
     assert choice is not None

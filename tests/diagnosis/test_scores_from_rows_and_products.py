@@ -78,14 +78,14 @@ def test_what_stretches_add_to_the_scores_is_the_same_from_rows_and_from_product
 @pytest.mark.parametrize("expected", [1000, 1])
 def test_several_kinds_of_folds_at_once_give_what_each_gives_by_itself(expected, monkeypatch):
     data, kinds, read = gathered(expected), ("interleaved", "contiguous"), []
-    read_blocks = RowStack.read_blocks
+    read_columns = RowStack.read_columns
     monkeypatch.setattr(
-        RowStack, "read_blocks", lambda stack, *asked: read.append(len(asked[1])) or read_blocks(stack, *asked)
+        RowStack, "read_columns", lambda stack, *asked: read.append(asked[1].stop) or read_columns(stack, *asked)
     )
     fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, BASE, CANDIDATES), NOISE, kinds)
     scores, contributions = score_folds(data, fits, CANDIDATES, NOISE, by_parameters=True)
-    # Every block of both kinds of rows of a joint is read once, to fit and to score, however many kinds of folds ask.
-    assert sum(read) == (2 * JOINTS * STRETCHES if expected > 1 else 0)
+    # Every row of a joint is read once, to fit and to score, however many kinds of folds ask.
+    assert sum(read) == (PIECES * 70 * JOINTS if expected > 1 else 0)
     for (before, each), kind in zip(scores, kinds, strict=True):
         alone, theirs = score_candidates(data, BASE, CANDIDATES, NOISE, kind)
         np.testing.assert_allclose(before, alone, rtol=1e-9)
@@ -249,3 +249,9 @@ def test_rows_are_multiplied_once_for_all_scores_of_the_same_rows(monkeypatch):
         score_candidates(data, base, CANDIDATES, NOISE, "contiguous")
     # Two kinds of rows a joint.
     assert len(added) == 2 * JOINTS
+    moving_alone = Products(tuple((first,) for first, _ in data.stacks), data.position, data.counts, data.run)
+    score_candidates(moving_alone, BASE, CANDIDATES, NOISE, "contiguous")
+    # Nor are those of one kind again where they are combined with others, nor for sums over all blocks.
+    assert len(added) == 2 * JOINTS
+    monkeypatch.setattr(RowStack, "sum_products", None)
+    data.sum_products(0, np.arange(3), np.arange(3))

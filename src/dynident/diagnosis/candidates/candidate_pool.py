@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
@@ -100,6 +101,18 @@ class Pool:
     def find_candidate(self, choice: EffectChoice) -> Candidate | None:
         """Return the candidate of a choice; None where all its columns are the model's, or zero."""
         return next((candidate for candidate in self.candidates if candidate.choice == choice), None)
+
+    def find_joints(self, columns: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the joints whose torque some columns contribute to."""
+        return tuple(sorted(set[int]().union(*(self._joints_of_columns[k] for k in columns))))
+
+    @cached_property
+    def _joints_of_columns(self) -> list[list[int]]:
+        # W has an entry wherever a column gives torque on a joint.
+        joints: list[list[int]] = [[] for _ in self.observation.columns]
+        for joint, column in zip(self.observation.entry_rows, self.observation.entry_columns, strict=True):
+            joints[column].append(int(joint))
+        return joints
 
     def is_change(self, candidate: Candidate) -> bool:
         """Return whether a candidate is something that the later runs have and the others have not."""

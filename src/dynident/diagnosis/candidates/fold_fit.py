@@ -11,8 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import lapack
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
@@ -60,41 +59,6 @@ def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[B
     return tuple(portions)
 
 
-@dataclass(frozen=True, eq=False)
-class Amplitudes:
-    """Parameters of the candidates of every portion.
-
-    Parameters
-    ----------
-    portions : tuple of Batch
-        The candidates, by number of columns.
-    each : tuple of (g, k)
-        Parameters of the candidates of each portion.
-    projection : (b, c)
-        What the model says of each column of the candidates.
-    """
-
-    portions: tuple[Batch, ...]
-    each: tuple[FloatArray, ...]
-    projection: FloatArray
-
-    @cached_property
-    def model_adjustments(self) -> FloatArray:
-        """How much smaller the model's own parameters are beside each candidate (g, b), portion by portion."""
-        return np.asarray(self._mixing @ self.projection.T)
-
-    @cached_property
-    def values(self) -> FloatArray:
-        """All parameters (amplitudes,), candidate by candidate and portion by portion."""
-        return np.concatenate([own.ravel() for own in self.each])
-
-    @cached_property
-    def _mixing(self) -> scipy.sparse.csr_array:
-        """Matrix (g, c) that combines all columns into one for each candidate, portion by portion."""
-        columns, ends = _list_entries(self.portions)
-        return scipy.sparse.csr_array((self.values, columns, ends), shape=(len(ends) - 1, self.projection.shape[1]))
-
-
 def _list_entries(portions: Sequence[Batch]) -> tuple[IndexArray, IndexArray]:
     """Return the columns (amplitudes,) of all portions in a row, and where those of each candidate end (g + 1,)."""
     nothing = np.zeros(0, dtype=np.intp)
@@ -137,6 +101,7 @@ class OwnColumns:
 # which a direction is not determined.
 _RIDGE = 1e-10
 _OWN_RIDGE, _RANK = 1e-9, 1e-8
+_TINY = float(np.finfo(float).tiny)
 _ROUNDING = 1e-12
 """Share of a sum below which a difference of two sums is what rounding leaves: thousands of terms of 1e-16 each."""
 
@@ -158,61 +123,69 @@ class JointSums(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ProductSums:
-    """Sums of products over blocks and joints, in units of the noise.
+    """Sums of products over f sets of blocks and all joints, in units of the noise; the first set is all blocks.
 
     Parameters
     ----------
-    ww : (b, b)
+    ww : (f, b, b)
         WᵀW.
-    wx : (b, c)
-        WᵀX.
-    wy : (b,)
+    xw : (f, c, b)
+        XᵀW.
+    wy : (f, b)
         Wᵀy.
-    xy : (c,)
+    xy : (f, c)
         Xᵀy.
-    xx : tuple of (g, k, k)
+    xx : tuple of (f, g, k, k)
         XᵀX within candidates, by portion.
     """
 
     ww: FloatArray
-    wx: FloatArray
+    xw: FloatArray
     wy: FloatArray
     xy: FloatArray
     xx: tuple[FloatArray, ...]
 
     def add_known(self, known: PriorInformation, base: IndexArray) -> ProductSums:
         """Return the products with what is known of the model's parameters, whose columns are `base` (b,)."""
-        squares, right = known.compute_products(base, np.diag(self.ww))
+        each = [known.compute_products(base, np.diag(own)) for own in self.ww]
+        squares, right = (np.array(own) for own in zip(*each, strict=True))
         return replace(self, ww=self.ww + squares, wy=self.wy + right)
 
-    def subtract(self, other: ProductSums) -> ProductSums:
-        """Return the products of the rows that are in these sums and not in the others.
+    def leave_out(self, sets: IndexArray) -> ProductSums:
+        """Return the products of all blocks but those of each of some sets; of the first set nothing is left out.
 
-        A column that none of these rows has leaves rounding errors alone: it is nothing here, not a small column.
+        A column that none of the remaining rows has leaves rounding errors alone: it is nothing, not a small column.
         """
-        seen = _is_left(np.diag(self.ww), np.diag(other.ww))
-        own = [
-            _is_left(np.einsum("gkk->gk", a), np.einsum("gkk->gk", b)) for a, b in zip(self.xx, other.xx, strict=True)
-        ]
+
+        def subtract(sums: FloatArray) -> FloatArray:
+            part = sums[sets]
+            part[sets == 0] = 0.0
+            return np.asarray(sums[0] - part)
+
+        def is_left(squares: FloatArray) -> BoolArray:
+            return np.asarray(subtract(squares) > _ROUNDING * squares[0])
+
+        seen, own = is_left(_take_diagonals(self.ww)), [is_left(_take_diagonals(each)) for each in self.xx]
         return ProductSums(
-            (self.ww - other.ww) * (seen[:, None] & seen),
-            (self.wx - other.wx) * seen[:, None],
-            (self.wy - other.wy) * seen,
-            self.xy - other.xy,
-            tuple(
-                (mine - theirs) * (is_present[:, :, None] & is_present[:, None, :])
-                for mine, theirs, is_present in zip(self.xx, other.xx, own, strict=True)
-            ),
+            subtract(self.ww) * _pair(seen),
+            subtract(self.xw) * seen[:, None],
+            subtract(self.wy) * seen,
+            subtract(self.xy),
+            tuple(subtract(each) * _pair(is_present) for each, is_present in zip(self.xx, own, strict=True)),
         )
 
 
-def _is_left(whole: FloatArray, part: FloatArray) -> BoolArray:
-    """Return which columns have any squares left once a part of the rows is taken away."""
-    return np.asarray(whole - part > _ROUNDING * whole)
+def _take_diagonals(matrices: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("...kk->...k", matrices))
 
 
-class FoldFit:
-    """The model fitted on some blocks, and what is left of every candidate column beside it.
+def _pair(values: FloatArray | BoolArray) -> FloatArray:
+    """Return the products (..., k, k) of all pairs of some values (..., k)."""
+    return np.multiply(values[..., :, None], values[..., None, :], dtype=np.float64)
+
+
+class FoldFits:
+    """The model fitted on f sets of blocks, and what is left of every candidate column beside each of these fits.
 
     Parameters
     ----------
@@ -223,9 +196,9 @@ class FoldFit:
 
     Attributes
     ----------
-    chi : (b,)
+    chi : (f, b)
         Parameters of the model.
-    projection : (b, c)
+    projection : (f, c, b)
         What the model says of every candidate column.
     portions : tuple of Batch
         The candidates, by number of columns.
@@ -233,44 +206,66 @@ class FoldFit:
 
     def __init__(self, sums: ProductSums, portions: Sequence[Batch]) -> None:
         self.portions = tuple(portions)
-        scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
+        scale = np.sqrt(np.maximum(_take_diagonals(sums.ww), _TINY))
         # Columns are scaled to one, since parameters have different units; the small ridge keeps columns that a fold
         # lacks solvable.
-        normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-        solved = _solve_normal_equations(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
+        normal = sums.ww / _pair(scale) + _RIDGE * np.eye(scale.shape[1])
+        solved = np.concatenate([sums.wy[:, None], sums.xw], axis=1) / scale[:, None]
+        for each, own in zip(normal, solved, strict=True):
+            _solve_normal_equations(each, own)
+        solved /= scale[:, None]
         self.chi, self.projection = solved[:, 0], solved[:, 1:]
         # Products of the candidates' columns with what the model leaves of Y.
-        right = sums.xy - sums.wx.T @ self.chi
+        right = sums.xy - (sums.xw @ self.chi[:, :, None])[:, :, 0]
         self._right, self._rest, self._whole = [], [], []
         for portion, own in zip(portions, sums.xx, strict=True):
             # Frisch, Waugh and Lovell: what the model explains of the candidates' columns is taken out of their
             # products.
-            explained = sums.wx.T[portion.columns] @ self.projection.T[portion.columns].transpose(0, 2, 1)
-            squares = np.einsum("gkk->gk", own)
+            columns = portion.columns
+            explained = sums.xw[:, columns] @ self.projection[:, columns].transpose(0, 1, 3, 2)
+            squares = _take_diagonals(own)
             # A column without rows in this fold has no remainder; rounding errors must not make one.
             is_present = squares > 0
-            self._rest.append((own - explained) * (is_present[:, :, None] & is_present[:, None, :]))
-            self._whole.append(np.maximum(squares, np.finfo(float).tiny))
-            self._right.append(right[portion.columns] * is_present)
+            self._rest.append((own - explained) * _pair(is_present))
+            self._whole.append(np.maximum(squares, _TINY))
+            self._right.append(right[:, columns] * is_present)
 
     def get_remaining_products(self, number: int) -> FloatArray:
-        """Return the products (g, k, k) of what the model leaves of the columns of a portion's candidates."""
+        """Return the products (f, g, k, k) of what the model leaves of the columns of a portion's candidates."""
         return np.asarray(self._rest[number])
 
-    def fit_amplitudes(self, number: int) -> FloatArray:
-        """Return the parameters (g, k) of a portion's candidates, each fitted beside the model."""
+    @cached_property
+    def amplitudes(self) -> tuple[FloatArray, ...]:
+        """Parameters (f, g, k) of each portion's candidates, each fitted beside the model."""
+        return tuple(self._fit_amplitudes(number) for number in range(len(self.portions)))
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """All amplitudes (f, amplitudes), candidate by candidate and portion by portion."""
+        return np.concatenate([own.reshape(len(own), -1) for own in self.amplitudes], axis=1)
+
+    @cached_property
+    def model_adjustments(self) -> FloatArray:
+        """How much smaller the model's own parameters are beside each candidate (f, g, b), portion by portion."""
+        each = [
+            (own[:, :, None] @ self.projection[:, portion.columns])[:, :, 0]
+            for portion, own in zip(self.portions, self.amplitudes, strict=True)
+        ]
+        return np.concatenate(each, axis=1)
+
+    def _fit_amplitudes(self, number: int) -> FloatArray:
         scale, normal = self._scale_products(number)
-        normal = normal + _OWN_RIDGE * np.eye(normal.shape[2])
+        normal = normal + _OWN_RIDGE * np.eye(normal.shape[-1])
         right = self._right[number] / scale
         # One column is a division.
-        if normal.shape[2] == 1:
-            return np.asarray(right / np.maximum(normal[:, :, 0], np.finfo(float).tiny) / scale)
+        if normal.shape[-1] == 1:
+            return np.asarray(right / np.maximum(normal[..., 0], _TINY) / scale)
         inverse = np.linalg.pinv(normal, rcond=_RANK, hermitian=True)
-        return np.asarray((inverse @ right[:, :, None])[:, :, 0] / scale)
+        return np.asarray((inverse @ right[..., None])[..., 0] / scale)
 
     def compute_unit_directions(self, number: int) -> FloatArray:
-        """Return directions (g, k, k) among a candidate's columns, of which what is left has the norm one."""
-        scale, normal = self._scale_products(number)
+        """Return directions (g, k, k) among a candidate's columns, of which the first fit leaves the norm one."""
+        scale, normal = (own[0] for own in self._scale_products(number))
         values, vectors = np.linalg.eigh(normal)
         # Directions of which nothing is left beside the model get the length zero: they say nothing.
         is_determined = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
@@ -278,22 +273,24 @@ class FoldFit:
         return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
 
     def compute_separability(self, number: int) -> FloatArray:
-        """Return the share (g,) of a candidate's column that is left beside the model, the largest of its columns."""
-        share = np.einsum("gkk->gk", self._rest[number]) / self._whole[number]
+        """Return the share (g,) of a candidate's column that the first fit leaves, the largest of its columns."""
+        share = _take_diagonals(self._rest[number][0]) / self._whole[number][0]
         return np.asarray(np.sqrt(np.clip(share, 0.0, 1.0)).max(axis=1))
 
     def _scale_products(self, number: int) -> tuple[FloatArray, FloatArray]:
-        """Return the columns' sizes (g, k), and what is left of their products (g, k, k) in units of these."""
+        """Return the columns' sizes (f, g, k), and what is left of their products (f, g, k, k) in units of these."""
         scale = np.sqrt(self._whole[number])
-        return scale, self._rest[number] / (scale[:, :, None] * scale[:, None, :])
+        return scale, self._rest[number] / _pair(scale)
 
 
-def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve normal equations (b, b) for (b, k); of all that fit equally well return the smallest solution.
+def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> None:
+    """Replace the right sides (k, b) of normal equations (b, b) by the solutions, of many the smallest.
 
     Without one of the runs, the others may not determine the model: joints that stand still, a single posture.
     """
-    try:
-        return np.asarray(cho_solve(cho_factor(normal), right))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(normal, rcond=_RANK, hermitian=True) @ right)
+    # The transposes are as LAPACK wants them, so that nothing is copied.
+    factor, info = lapack.dpotrf(normal.T)
+    if info:
+        right[:] = right @ np.linalg.pinv(normal, rcond=_RANK, hermitian=True)
+    else:
+        right[:] = lapack.dpotrs(factor, right.T, overwrite_b=True)[0].T

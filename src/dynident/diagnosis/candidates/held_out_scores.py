@@ -10,24 +10,16 @@ inner products that are computed once. Candidates with equally many columns are 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate
-from dynident.diagnosis.candidates.fold_fit import (
-    Amplitudes,
-    Batch,
-    FoldFit,
-    ProductSums,
-    list_extra_columns,
-    split_batches,
-)
+from dynident.diagnosis.candidates.fold_fit import Batch, FoldFits, ProductSums, list_extra_columns, split_batches
 from dynident.diagnosis.candidates.products_of_scored_pairs import (
     JointBlock,
     JointErrors,
-    JointPiece,
     ProductBlock,
     RowBlock,
 )
@@ -76,37 +68,26 @@ class JointBlocks:
         joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))
         return cls(np.asarray(base, dtype=np.intp), len(extra), data.n_blocks, portions, joints, data.sets, data.known)
 
-    def select_blocks(self, blocks: IndexArray) -> JointBlocks:
-        """Return the same for some of the blocks."""
-        joints = tuple(joint.select_blocks(blocks) for joint in self.joints)
-        return replace(self, n_blocks=len(blocks), joints=joints)
-
-    def fit_model(self, sums: ProductSums) -> FoldFit:
-        """Fit the model to the rows of some blocks, given their sums, and to what is known beside them."""
-        return FoldFit(sums if self.known is None else sums.add_known(self.known, self.base), self.portions)
-
-    def fit_amplitudes(self, fit: FoldFit) -> Amplitudes:
-        """Fit the parameters of each candidate beside the model."""
-        each = tuple(fit.fit_amplitudes(number) for number in range(len(self.portions)))
-        return Amplitudes(self.portions, each, fit.projection)
-
-    def sum_products(self, noise: FloatArray) -> ProductSums:
-        """Return the sums over all blocks and joints, each joint in units of its noise (n,)."""
-        return self.sum_sets(noise, self.sets)[0]
-
-    def sum_sets(self, noise: FloatArray, sets: BlockSets) -> list[ProductSums]:
-        """Return the sums over sets of blocks.
+    def fit_sets(self, noise: FloatArray, sets: BlockSets | None = None, left_out: Sequence[int] = ()) -> FoldFits:
+        """Fit the model to all blocks, and without each of some sets of blocks, and to what is known beside them.
 
         Parameters
         ----------
         noise : (n,)
             Standard deviation of the noise of each joint, N m or N.
-        sets : BlockSets
-            Sets of blocks.
+        sets : BlockSets, optional
+            Sets of blocks; by default those of the folds in which candidates are scored.
+        left_out : sequence of int
+            Numbers of the sets.
         """
+        sums = self._sum_sets(noise, sets or self.sets).leave_out(np.array([0, *left_out], dtype=np.intp))
+        return FoldFits(sums if self.known is None else sums.add_known(self.known, self.base), self.portions)
+
+    def _sum_sets(self, noise: FloatArray, sets: BlockSets) -> ProductSums:
+        """Return the sums over sets of blocks and all joints, each joint in units of its noise (n,)."""
         f, b, c = len(sets.members), len(self.base), self.n_extra
-        ww, wx, wy, xy = np.zeros((f, b, b)), np.zeros((f, b, c)), np.zeros((f, b)), np.zeros((f, c))
-        within = [np.zeros((f, *portion.columns.shape, portion.width)) for portion in self.portions]
+        ww, xw, wy, xy = np.zeros((f, b, b)), np.zeros((f, c, b)), np.zeros((f, b)), np.zeros((f, c))
+        within = tuple(np.zeros((f, *portion.columns.shape, portion.width)) for portion in self.portions)
         for block, sigma in zip(self.joints, noise, strict=True):
             products, own_pairs = block.sum_sets(sets)
             # Rows of a joint count by the inverse of the variance of its noise, as in the fit of the model.
@@ -114,18 +95,18 @@ class JointBlocks:
             w, have = len(block.have), block.have
             has = np.flatnonzero(block.place < products.shape[2] - w - 1)
             ww[:, have[:, None], have] += products[:, :w, :w]
-            wx[:, have[:, None], has] += products[:, :w, w + 1 :]
+            xw[:, has[:, None], have] += products[:, :w, w + 1 :].transpose(0, 2, 1)
             wy[:, have] += products[:, :w, w]
             xy[:, has] += products[:, w, w + 1 :]
             for whole, own in zip(within, own_pairs, strict=True):
                 whole += own / sigma**2
-        return [ProductSums(ww[k], wx[k], wy[k], xy[k], tuple(own[k] for own in within)) for k in range(f)]
+        return ProductSums(ww, xw, wy, xy, within)
 
-    def read_pieces(self) -> Iterator[tuple[int, slice, JointPiece]]:
-        """Yield joint, blocks, and their rows or products, some blocks at a time."""
+    def read_errors(self, fits: FoldFits, numbers: Sequence[IndexArray]) -> Iterator[tuple[int, list[JointErrors]]]:
+        """Yield joint, and errors for the fits that each block (s,) has by some numbers; those of a joint add up."""
         for joint, block in enumerate(self.joints):
-            for where, piece in block.read_pieces():
-                yield joint, where, piece
+            for piece in block.read_pieces():
+                yield joint, [piece.compute_errors(fits, own) for own in numbers]
 
 
 def _build_block(
@@ -173,39 +154,29 @@ class FoldedFits:
     ----------
     blocks : JointBlocks
         Rows or products of all joints.
-    whole : FoldFit
-        The fit to all blocks.
-    fits : tuple of tuple of FoldFit
-        The fit without each fold, by kind.
-    folds : (kinds, s)
-        The fold that each block is in.
-    order : (s,)
-        Numbers of the blocks; those in the same fold of every kind follow one another.
+    fits : FoldFits
+        The fit to all blocks, and those without each fold.
+    numbers : tuple of (s,)
+        The fit that each block has: that to all blocks, and by kind that without its fold.
     """
 
     blocks: JointBlocks
-    whole: FoldFit
-    fits: tuple[tuple[FoldFit, ...], ...]
-    folds: IndexArray
-    order: IndexArray
+    fits: FoldFits
+    numbers: tuple[IndexArray, ...]
 
     @classmethod
     def from_blocks(cls, data: Products, blocks: JointBlocks, noise: FloatArray, kinds: Sequence[str]) -> FoldedFits:
         """Fit all of them."""
         sets = data.sets if set(kinds) <= set(data.sets.kinds) else data.number_sets(kinds)
-        sums = blocks.sum_sets(noise, sets)
-        # Sums over the training blocks are those of all blocks minus those left out.
-        by_kind = tuple(
-            tuple(blocks.fit_model(sums[0].subtract(sums[k])) for k in sets.list_folds(kind)) for kind in kinds
-        )
-        folds = sets.folds[[sets.kinds.index(kind) for kind in kinds]][:, sets.order]
-        return cls(blocks.select_blocks(sets.order), blocks.fit_model(sums[0]), by_kind, folds, sets.order)
+        numbers, left_out = [np.zeros(data.n_blocks, dtype=np.intp)], list[int]()
+        for kind in kinds:
+            numbers.append(sets.folds[sets.kinds.index(kind)] + 1 + len(left_out))
+            left_out += sets.list_folds(kind)
+        return cls(blocks, blocks.fit_sets(noise, sets, left_out), tuple(numbers))
 
-    def read_errors(self) -> Iterator[tuple[int, IndexArray, tuple[JointErrors, ...]]]:
-        """Yield joint, blocks, and their errors in the fit to all blocks and by kind in those without their fold."""
-        kinds = [((self.whole,), np.zeros_like(self.order)), *zip(self.fits, self.folds, strict=True)]
-        for joint, where, piece in self.blocks.read_pieces():
-            yield joint, self.order[where], tuple(piece.compute_errors(fits, folds[where]) for fits, folds in kinds)
+    def read_errors(self) -> Iterator[tuple[int, list[JointErrors]]]:
+        """Yield joint, and its errors in the fit to all blocks and by kind of folds; those of a joint add up."""
+        return self.blocks.read_errors(self.fits, self.numbers)
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
@@ -238,25 +209,23 @@ def score_folds(
     tuple of list, list of (s, k)
         What `score_candidates` returns, by kind; and what `compute_contributions` returns, or nothing.
     """
-    s, n, blocks = data.n_blocks, data.n_joints, fits.blocks
-    before = [np.zeros((s, n)) for _ in fits.fits]
-    after = [np.zeros((len(candidates), s, n)) for _ in fits.fits]
-    sums = np.zeros((s, blocks.n_extra))
+    s, n, portions, kinds = data.n_blocks, data.n_joints, fits.blocks.portions, len(fits.numbers) - 1
+    before, after = np.zeros((kinds, s, n)), np.zeros((kinds, len(candidates), s, n))
+    sums = np.zeros((s, fits.blocks.n_extra))
     # Candidates are scored by portion; these are their numbers in that order.
-    members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
-    amplitudes_of_fits = [[blocks.fit_amplitudes(fit) for fit in each] for each in fits.fits]
-    for j, own, (fitted, *held_out) in fits.read_errors():
+    members = np.array([k for portion in portions for k in portion.members], dtype=np.intp)
+    for j, (fitted, *held_out) in fits.read_errors():
         if by_parameters and len(members):
-            sums[own] += fitted.compute_scores() / noise[j] ** 2
+            sums += fitted.compute_scores() / noise[j] ** 2
         for k, errors in enumerate(held_out):
-            before[k][own, j] = errors.alone
+            before[k, :, j] += errors.alone
             if len(members):
-                after[k][members[:, None], own, j] = errors.compute_errors_with(amplitudes_of_fits[k])
+                after[k, members, :, j] += errors.compute_errors_with()
     # What is reported of a candidate comes from all data; only its errors are held out.
     separability, amplitudes = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
-    for number, portion in enumerate(blocks.portions):
-        separability[portion.members] = fits.whole.compute_separability(number)
-        for member, values in zip(portion.members, fits.whole.fit_amplitudes(number), strict=True):
+    for number, portion in enumerate(portions):
+        separability[portion.members] = fits.fits.compute_separability(number)
+        for member, values in zip(portion.members, fits.fits.amplitudes[number][0], strict=True):
             amplitudes[member] = values
     measured = data.torque_squared()
     scores = [
@@ -266,7 +235,7 @@ def score_folds(
         ]
         for alone, each in zip(before, after, strict=True)
     ]
-    contributions = _distribute_scores(fits.whole, sums, len(candidates)) if by_parameters else []
+    contributions = _distribute_scores(fits.fits, sums, len(candidates)) if by_parameters else []
     return list(zip(before, scores, strict=True)), contributions
 
 
@@ -280,18 +249,18 @@ def compute_contributions(
     nothing, and its square is what the candidate removes where it does.
     """
     blocks = JointBlocks.from_products(data, base, candidates)
-    return _compute_contributions(blocks, blocks.fit_model(blocks.sum_products(noise)), len(candidates), noise)
+    return _compute_contributions(blocks, blocks.fit_sets(noise), len(candidates), noise)
 
 
-def _compute_contributions(blocks: JointBlocks, fit: FoldFit, count: int, noise: FloatArray) -> list[FloatArray]:
+def _compute_contributions(blocks: JointBlocks, fit: FoldFits, count: int, noise: FloatArray) -> list[FloatArray]:
     """Return the same as `compute_contributions` for `count` candidates, from blocks and the fit to them."""
     sums = np.zeros((blocks.n_blocks, blocks.n_extra))
-    for joint, where, piece in blocks.read_pieces():
-        sums[where] += _compute_errors(piece, where, fit).compute_scores() / noise[joint] ** 2
+    for joint, (errors,) in blocks.read_errors(fit, [np.zeros(blocks.n_blocks, dtype=np.intp)]):
+        sums += errors.compute_scores() / noise[joint] ** 2
     return _distribute_scores(fit, sums, count)
 
 
-def _distribute_scores(fit: FoldFit, sums: FloatArray, count: int) -> list[FloatArray]:
+def _distribute_scores(fit: FoldFits, sums: FloatArray, count: int) -> list[FloatArray]:
     """Return the scores (s, k) of each candidate in unit directions, from those of all columns (s, c)."""
     scores = [np.zeros((0, 0))] * count
     for number, portion in enumerate(fit.portions):
@@ -308,7 +277,7 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
     From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
-    fit = blocks.fit_model(blocks.sum_products(noise))
+    fit = blocks.fit_sets(noise)
     scores = _compute_contributions(blocks, fit, count, noise)
     # The correction for few clusters, m / (m - 1).
     more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
@@ -337,15 +306,9 @@ def compute_fitted_errors(
         Errors before and after, separability and amplitudes of the candidate.
     """
     blocks = JointBlocks.from_products(data, base, [candidate])
-    fit = blocks.fit_model(blocks.sum_products(noise))
-    amplitudes = blocks.fit_amplitudes(fit)
+    fit = blocks.fit_sets(noise)
     before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
-    for j, where, piece in blocks.read_pieces():
-        errors = _compute_errors(piece, where, fit)
-        before[where, j], after[where, j] = errors.alone, errors.compute_errors_with([amplitudes])[0]
-    return before, after, float(fit.compute_separability(0)[0]), amplitudes.each[0][0]
-
-
-def _compute_errors(piece: JointPiece, where: slice, fit: FoldFit) -> JointErrors:
-    """Return the errors in some blocks for one fit to all."""
-    return piece.compute_errors((fit,), np.zeros(where.stop - where.start, dtype=np.intp))
+    for j, (errors,) in blocks.read_errors(fit, [np.zeros(data.n_blocks, dtype=np.intp)]):
+        before[:, j] += errors.alone
+        after[:, j] += errors.compute_errors_with()[0]
+    return before, after, float(fit.compute_separability(0)[0]), fit.amplitudes[0][0, 0]

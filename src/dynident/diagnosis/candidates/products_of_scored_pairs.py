@@ -5,30 +5,21 @@ Products of two candidates with each other are never needed, and there are very 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
 from dynident.array_types import FloatArray, IndexArray
-from dynident.diagnosis.candidates.fold_fit import (
-    Amplitudes,
-    Batch,
-    FoldFit,
-    JointSums,
-    OwnColumns,
-)
+from dynident.diagnosis.candidates.fold_fit import Batch, FoldFits, JointSums, OwnColumns
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
     BlockSets,
     Products,
     RowRuns,
-    RowStack,
     find_present,
     locate_columns,
-    split_runs,
 )
 
 
@@ -87,15 +78,15 @@ class ProductBlock:
         ww, wy = data.take_products(joint, wp[:, None], wp), data.take_products(joint, wp, y)
         return cls(have, place, ww, wx, wy, xy, data.take_products(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
 
-    def select_blocks(self, blocks: IndexArray | slice) -> ProductBlock:
+    def select_blocks(self, blocks: IndexArray) -> ProductBlock:
         """Return the same for some of the blocks."""
         ww, wx, wy, xy, yy = (products[blocks] for products in (self.ww, self.wx, self.wy, self.xy, self.yy))
         pairs = tuple(own[blocks] for own in self.pairs)
         return ProductBlock(self.have, self.place, ww, wx, wy, xy, yy, pairs, self.portions)
 
-    def read_pieces(self) -> Iterator[tuple[slice, ProductBlock]]:
+    def read_pieces(self) -> Iterator[ProductBlock]:
         """Yield everything at once: it is at hand."""
-        yield slice(0, len(self.yy)), self
+        yield self
 
     def sum_sets(self, sets: BlockSets) -> JointSums:
         """Return the sums over sets of blocks."""
@@ -107,34 +98,41 @@ class ProductBlock:
         of_y = np.concatenate([wy, yy[:, None], xy[:, :-1]], axis=1)[:, None]
         return JointSums(np.concatenate([of_w, of_y], axis=1), tuple(pairs))
 
-    def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> ProductErrors:
-        """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
-        return ProductErrors(self, fits, folds)
+    def compute_errors(self, fits: FoldFits, numbers: IndexArray) -> ProductErrors:
+        """Return the squared errors for the fit that each block (s,) has, by its number."""
+        return ProductErrors(self, fits, numbers)
 
 
 class ProductErrors:
-    """One joint's squared errors in blocks, each for the fit of its fold."""
+    """One joint's squared errors in blocks, each for the fit that it has."""
 
-    def __init__(self, block: ProductBlock, fits: Sequence[FoldFit], folds: IndexArray) -> None:
-        self._parts = [(fold, _ErrorsOfOneFit(block.select_blocks(own), fits[fold])) for fold, own in split_runs(folds)]
+    def __init__(self, block: ProductBlock, fits: FoldFits, numbers: IndexArray) -> None:
+        used = np.unique(numbers)
+        parts = [np.flatnonzero(numbers == number) for number in used]
+        # Where each block stands once those of the same fit follow one another.
+        self._places = np.argsort(np.concatenate(parts))
+        self._parts = [
+            _ErrorsOfOneFit(block.select_blocks(own) if len(used) > 1 else block, fits, number)
+            for number, own in zip(used.tolist(), parts, strict=True)
+        ]
 
     @cached_property
     def alone(self) -> FloatArray:
         """Squared errors (s,) of the model alone."""
-        return np.concatenate([part.alone for _, part in self._parts])
+        return np.concatenate([part.alone for part in self._parts])[self._places]
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
-        return np.concatenate([part.compute_scores() for _, part in self._parts])
+        return np.concatenate([part.compute_scores() for part in self._parts])[self._places]
 
-    def compute_errors_with(self, amplitudes: Sequence[Amplitudes]) -> FloatArray:
+    def compute_errors_with(self) -> FloatArray:
         """Return the squared errors (g, s) with each candidate, portion by portion."""
-        return np.concatenate([part.compute_errors_with(amplitudes[fold]) for fold, part in self._parts], axis=1)
+        return np.concatenate([part.compute_errors_with() for part in self._parts], axis=1)[:, self._places]
 
     def compute_squares(self) -> tuple[FloatArray, ...]:
         """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
-        each = [part.compute_squares() for _, part in self._parts]
-        return tuple(np.concatenate(portion, axis=1) for portion in zip(*each, strict=True))
+        each = [part.compute_squares() for part in self._parts]
+        return tuple(np.concatenate(portion, axis=1)[:, self._places] for portion in zip(*each, strict=True))
 
 
 class _ErrorsOfOneFit:
@@ -143,10 +141,11 @@ class _ErrorsOfOneFit:
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
 
-    def __init__(self, block: ProductBlock, fit: FoldFit) -> None:
+    def __init__(self, block: ProductBlock, fits: FoldFits, number: int) -> None:
         self._block = block
-        chi = fit.chi[block.have]
-        self._projection = fit.projection[block.have]
+        chi = fits.chi[number, block.have]
+        self._projection = fits.projection[number][:, block.have]
+        self._amplitudes = [own[number] for own in fits.amplitudes]
         # |y - W χ|² from products alone. It is a small difference of large numbers, which rounding may make negative.
         errors = block.yy - 2 * block.wy @ chi + np.einsum("i,sij,j->s", chi, block.ww, chi)
         self.alone = np.maximum(errors, 0.0)
@@ -156,17 +155,17 @@ class _ErrorsOfOneFit:
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
-        return np.asarray(self._x_rest[:, self._block.place] - self._w_rest @ self._projection)
+        return np.asarray(self._x_rest[:, self._block.place] - self._w_rest @ self._projection.T)
 
-    def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
+    def compute_errors_with(self) -> FloatArray:
         """Return the squared errors (g, s) with each candidate, portion by portion."""
-        each = zip(self._block.portions, self._block.pairs, amplitudes.each, strict=True)
-        return np.concatenate([self._compute_portion_errors(portion, pairs, own) for portion, pairs, own in each])
+        each = zip(self._block.portions, self._block.pairs, self._amplitudes, strict=True)
+        return np.concatenate([self._compute_portion_errors(*own) for own in each])
 
     def _compute_portion_errors(self, portion: Batch, pairs: FloatArray, amplitudes: FloatArray) -> FloatArray:
         """Return the squared errors (g, s) with each candidate of a portion."""
         block = self._block
-        shift = np.einsum("bgk,gk->bg", self._projection[:, portion.columns], amplitudes)
+        shift = np.einsum("gkb,gk->bg", self._projection[portion.columns], amplitudes)
         along = -(self._w_rest @ shift)
         size = np.einsum("sbg,bg->sg", block.ww @ shift, shift)
         size += np.einsum("sgkl,gk,gl->sg", pairs, amplitudes, amplitudes)
@@ -182,7 +181,7 @@ class _ErrorsOfOneFit:
         """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
         block, products = self._block, []
         for portion, pairs in zip(block.portions, block.pairs, strict=True):
-            shift = self._projection[:, portion.columns].transpose(1, 0, 2)
+            shift = self._projection[portion.columns].transpose(0, 2, 1)
             # (XᵀW) P, column by column of the candidate.
             mixed = np.einsum("sbgk,gbl->sgkl", block.wx[:, :, block.place[portion.columns]], shift)
             inner = np.einsum("gbk,sbc,gcl->sgkl", shift, block.ww, shift, optimize=True)
@@ -190,8 +189,8 @@ class _ErrorsOfOneFit:
         return tuple(products)
 
 
-# Numbers of a joint's rows that are read at once: they stay in the cache.
-_MOST_VALUES = 2**17
+# Numbers of a joint's rows that are read at once: fewer take more calls, more leave the cache.
+_MOST_VALUES = 2**19
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,9 +208,7 @@ class RowBlock:
     place : (c,)
         Where each column of the candidates stands among the x that the joint has, x for those that it lacks.
     needed : (w + 1 + x,)
-        Where the columns of the model, Y, and the columns of the candidates stand in them.
-    blocks : (s,)
-        The blocks of time.
+        Where the columns of the model, Y, and the columns of the candidates stand in the rows.
     portions : tuple of Batch
         The candidates, by number of columns.
     own : OwnColumns
@@ -223,7 +220,6 @@ class RowBlock:
     have: IndexArray
     place: IndexArray
     needed: IndexArray
-    blocks: IndexArray
     portions: tuple[Batch, ...]
     own: OwnColumns
 
@@ -235,52 +231,20 @@ class RowBlock:
         have, wp = find_present(data.position[joint], base)
         place, xp = locate_columns(data.position[joint], extra)
         own = OwnColumns.from_places(place, len(xp), portions)
-        needed, blocks = np.concatenate([wp, [-1], xp]), np.arange(data.n_blocks)
-        return cls(data, joint, have, place, needed, blocks, tuple(portions), own)
-
-    @property
-    def stacks(self) -> list[RowStack]:
-        """The rows of the joint, by kind."""
-        return self.data.list_row_stacks(self.joint)
+        # Y stands last.
+        y = int((data.position[joint] >= 0).sum())
+        return cls(data, joint, have, place, np.concatenate([wp, [y], xp]), tuple(portions), own)
 
     @property
     def n_columns(self) -> int:
         """Number of columns x of the candidates that the joint has."""
         return len(self.needed) - len(self.have) - 1
 
-    def select_blocks(self, blocks: IndexArray) -> RowBlock:
-        """Return the same for some of the blocks."""
-        return replace(self, blocks=self.blocks[blocks])
-
-    def read_pieces(self) -> Iterator[tuple[slice, RowPiece]]:
-        """Yield the rows, some blocks at a time, and which blocks these are; few rows are read only once."""
-        if len(self._bounds) == 2:
-            yield slice(0, len(self.blocks)), self._whole
-            return
-        for first, last in pairwise(self._bounds):
-            yield slice(first, last), self._read_piece(self.blocks[first:last])
-
-    @cached_property
-    def _bounds(self) -> list[int]:
-        """Where the blocks that are read together begin, and where the last ones end."""
-        ends = np.append(0, np.cumsum(sum(stack.count_rows(self.blocks) for stack in self.stacks)))
-        most, bounds = max(1, _MOST_VALUES // len(self.needed)), [0]
-        while bounds[-1] < len(self.blocks):
-            first = bounds[-1]
-            bounds.append(max(first + 1, int(np.searchsorted(ends, ends[first] + most, side="right")) - 1))
-        return bounds
-
-    @cached_property
-    def _whole(self) -> RowPiece:
-        return self._read_piece(self.blocks)
-
-    def _read_piece(self, blocks: IndexArray) -> RowPiece:
-        parts = [stack.read_blocks(self.needed, blocks) for stack in self.stacks]
-        columns, row_block = parts[0]
-        if len(parts) > 1:
-            columns = np.concatenate([own for own, _ in parts], axis=1)
-            row_block = np.concatenate([own for _, own in parts])
-        return RowPiece(self, columns, RowRuns(row_block, len(blocks)))
+    def read_pieces(self) -> Iterator[RowPiece]:
+        """Yield the rows, kind by kind, some blocks at a time."""
+        for stack in self.data.list_row_stacks(self.joint):
+            for rows, runs in stack.split_pieces(max(1, _MOST_VALUES // len(self.needed))):
+                yield RowPiece(self, stack.read_columns(self.needed, rows), runs)
 
     def sum_sets(self, sets: BlockSets) -> JointSums:
         """Return the sums over sets of blocks."""
@@ -302,7 +266,7 @@ class RowBlock:
 
 @dataclass(frozen=True, eq=False)
 class RowPiece:
-    """Rows of one joint in some blocks, column by column, since a score takes some columns of all rows.
+    """Rows of one joint, column by column, since a score takes some columns of all rows.
 
     Parameters
     ----------
@@ -333,28 +297,22 @@ class RowPiece:
         """Columns (x, m) of the candidates."""
         return self.columns[len(self.block.have) + 1 :]
 
-    def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> RowErrors:
-        """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
-        return RowErrors(self, fits, folds)
+    def compute_errors(self, fits: FoldFits, numbers: IndexArray) -> RowErrors:
+        """Return the squared errors for the fit that each block (s,) has, by its number."""
+        return RowErrors(self, fits, numbers)
 
 
 class RowErrors:
-    """What `ProductErrors` are, from the rows themselves."""
+    """What `ProductErrors` are, from the rows themselves; zero in blocks that have none here."""
 
-    def __init__(self, piece: RowPiece, fits: Sequence[FoldFit], folds: IndexArray) -> None:
-        self._piece, self._fits, self._folds, self._have = piece, fits, folds, piece.block.have
-        self._has = np.flatnonzero(piece.block.place < piece.block.n_columns)
+    def __init__(self, piece: RowPiece, fits: FoldFits, numbers: IndexArray) -> None:
+        self._piece, self._fits, self._numbers, self._have = piece, fits, numbers, piece.block.have
         # Rows that follow one another and have the same fit.
-        self._spans = list(piece.runs.split_rows(folds))
-
-    @cached_property
-    def _rest(self) -> FloatArray:
-        """What the model leaves of Y (m,)."""
-        predicted = np.empty(self._piece.columns.shape[1])
-        chi = {fold: self._fits[fold].chi[self._have] for fold, _ in self._spans}
-        for fold, rows in self._spans:
-            predicted[rows] = chi[fold] @ self._piece.w[:, rows]
-        return np.asarray(self._piece.y - predicted)
+        self._spans = piece.runs.split_rows(numbers)
+        self._used = slice(int(numbers.min()), int(numbers.max()) + 1)
+        self._rest, chi, w = piece.y.copy(), fits.chi[:, self._have], piece.w
+        for number, rows in self._spans:
+            self._rest[rows] -= chi[number] @ w[:, rows]
 
     @cached_property
     def alone(self) -> FloatArray:
@@ -363,63 +321,60 @@ class RowErrors:
 
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c) by block and column."""
-        of_w, of_x = (self._piece.runs.sum_by_block(each * self._rest).T for each in (self._piece.w, self._piece.x))
-        scores = np.concatenate(
-            [-of_w[blocks] @ self._fits[fold].projection[self._have] for fold, blocks in split_runs(self._folds)]
-        )
-        scores[:, self._has] += of_x
+        piece, scores = self._piece, np.zeros((self._piece.runs.n_blocks, len(self._piece.block.place)))
+        of_w, of_x = (piece.runs.sum_by_block(each * self._rest).T for each in (piece.w, piece.x))
+        for number in np.unique(self._numbers):
+            blocks = np.flatnonzero(self._numbers == number)
+            scores[blocks] = -of_w[blocks] @ self._fits.projection[number][:, self._have].T
+        has = np.flatnonzero(piece.block.place < piece.block.n_columns)
+        scores[:, has] += of_x
         return scores
 
-    def compute_errors_with(self, amplitudes: Sequence[Amplitudes]) -> FloatArray:
+    def compute_errors_with(self) -> FloatArray:
         """Return the squared errors (g, s) with each candidate, portion by portion."""
         # The model's own parameters are other ones beside a candidate, on the joints that it shares columns with.
-        adjustments = {fold: amplitudes[fold].model_adjustments[:, self._have] for fold, _ in self._spans}
-        errors = np.tile(self.alone, (sum(len(each) for each in amplitudes[0].each), 1))
+        adjustments = self._fits.model_adjustments[self._used][:, :, self._have]
+        errors = np.tile(self.alone, (adjustments.shape[1], 1))
         # A joint that stands has no rows.
         if not self._spans:
             return errors
         # Most candidates have columns of their own on few joints, and change nothing on others.
-        is_changed = np.zeros(len(errors), dtype=bool)
+        is_changed = np.asarray(adjustments.any(axis=(0, 2)))
         is_changed[self._piece.block.own.candidates] = True
-        for each in adjustments.values():
-            is_changed |= each.any(axis=1)
         changed = np.flatnonzero(is_changed)
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            rest = self._leave_rest(changed, adjustments, amplitudes)
+            rest = self._leave_rest(changed, adjustments[:, changed])
             errors[changed] = self._piece.runs.sum_by_block(np.square(rest, out=rest))
-        return np.asarray(np.nan_to_num(errors, nan=np.inf))
+        errors[np.isnan(errors)] = np.inf
+        return errors
 
-    def _leave_rest(
-        self, candidates: IndexArray, adjustments: Mapping[int, FloatArray], amplitudes: Sequence[Amplitudes]
-    ) -> FloatArray:
-        """Return what the model leaves of Y (r, m) with each of some candidates; adjustments (g, w) by fold."""
-        rest = np.empty((len(candidates), len(self._rest)))
-        adjusted = {fold: each[candidates] for fold, each in adjustments.items()}
-        for fold, rows in self._spans:
-            np.matmul(adjusted[fold], self._piece.w[:, rows], out=rest[:, rows])
+    def _leave_rest(self, candidates: IndexArray, adjustments: FloatArray) -> FloatArray:
+        """Return what the model leaves of Y (r, m) with each of some candidates; adjustments (f, r, w) of used fits."""
+        piece, w, rest = self._piece, self._piece.w, np.empty((len(candidates), len(self._rest)))
+        for number, rows in self._spans:
+            np.matmul(adjustments[number - self._used.start], w[:, rows], out=rest[:, rows])
         rest += self._rest
-        folds = [fold for fold, _ in self._spans]
+        numbers = [number for number, _ in self._spans]
         lengths = [rows.stop - rows.start for _, rows in self._spans]
-        own = np.searchsorted(candidates, self._piece.block.own.candidates)
-        for members, places, columns in self._piece.block.own.layers:
-            factors = np.stack([amplitudes[fold].values[places] for fold in folds], axis=1)
-            rest[own[members]] -= np.repeat(factors, lengths, axis=1) * self._piece.x[columns]
+        own = np.searchsorted(candidates, piece.block.own.candidates)
+        for members, places, columns in piece.block.own.layers:
+            factors = self._fits.values[numbers][:, places].T
+            rest[own[members]] -= np.repeat(factors, lengths, axis=1) * piece.x[columns]
         return rest
 
     def compute_squares(self) -> tuple[FloatArray, ...]:
         """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
-        piece, has, portions = self._piece, self._has, self._fits[0].portions
-        projections = {fold: self._fits[fold].projection[self._have] for fold, _ in self._spans}
+        piece, portions = self._piece, self._fits.portions
+        has = np.flatnonzero(piece.block.place < piece.block.n_columns)
+        projections = self._fits.projection[self._used][:, :, self._have]
         # Nothing is left of columns that neither the joint nor the model's parameters on it have a share in.
-        is_shared = np.zeros(len(piece.block.place), dtype=bool)
-        for projection in projections.values():
-            is_shared |= projection.any(axis=0)
+        is_shared = np.asarray(projections.any(axis=(0, 2)))
         is_shared[has] = True
         shared = np.flatnonzero(is_shared)
-        rest = np.zeros((len(is_shared), len(self._rest)))
-        for fold, rows in self._spans:
-            rest[shared, rows] = -(projections[fold][:, shared].T @ piece.w[:, rows])
+        projections, rest = projections[:, shared], np.zeros((len(is_shared), len(self._rest)))
+        for number, rows in self._spans:
+            rest[shared, rows] = -(projections[number - self._used.start] @ piece.w[:, rows])
         rest[has] += piece.x[piece.block.place[has]]
         products = [np.zeros((len(own.members), piece.runs.n_blocks, own.width, own.width)) for own in portions]
         for portion, own_products in zip(portions, products, strict=True):
@@ -431,7 +386,7 @@ class RowErrors:
 
 
 class JointErrors(Protocol):
-    """One joint's squared errors in blocks, each for the fit of its fold."""
+    """One joint's squared errors in blocks, each for the fit that it has."""
 
     @property
     def alone(self) -> FloatArray:
@@ -440,18 +395,18 @@ class JointErrors(Protocol):
     def compute_scores(self) -> FloatArray:
         """Return the scores Zᵀρ (s, c): Z is what the model leaves of each candidate's column, ρ the same of Y."""
 
-    def compute_errors_with(self, amplitudes: Sequence[Amplitudes]) -> FloatArray:
-        """Return the squared errors (g, s) with each candidate, portion by portion, for the amplitudes of its fold."""
+    def compute_errors_with(self) -> FloatArray:
+        """Return the squared errors (g, s) with each candidate, portion by portion, for the amplitudes of its fit."""
 
     def compute_squares(self) -> tuple[FloatArray, ...]:
         """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
 
 
 class JointPiece(Protocol):
-    """Rows or products of one joint in some blocks."""
+    """Rows or products of one joint."""
 
-    def compute_errors(self, fits: Sequence[FoldFit], folds: IndexArray) -> JointErrors:
-        """Return the squared errors for the fits of the folds (s,) that the blocks are in."""
+    def compute_errors(self, fits: FoldFits, numbers: IndexArray) -> JointErrors:
+        """Return the squared errors for the fit that each block (s,) has, by its number."""
 
 
 class JointBlock(Protocol):
@@ -465,11 +420,8 @@ class JointBlock(Protocol):
     def place(self) -> IndexArray:
         """(c,): where each of the candidates' columns stands among the x that the joint has, x where it lacks it."""
 
-    def select_blocks(self, blocks: IndexArray) -> JointBlock:
-        """Return the same for some of the blocks, in this order."""
-
-    def read_pieces(self) -> Iterator[tuple[slice, JointPiece]]:
-        """Yield the blocks, some at a time, and which these are."""
+    def read_pieces(self) -> Iterator[JointPiece]:
+        """Yield rows or products piece by piece: their errors add up."""
 
     def sum_sets(self, sets: BlockSets) -> JointSums:
-        """Return the sums over sets of blocks, which do not depend on the blocks that were selected."""
+        """Return the sums over sets of blocks."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.special import stdtrit
@@ -32,6 +32,7 @@ DRAWS = 2000
 _SEED = 20
 # Candidates at once: their turned sums stay in the cache.
 _TOGETHER = 64
+_TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,12 @@ class FamilywiseLevels:
 
 
 def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray:
-    """Return the p-values (c,) of `run_familywise_test`."""
-    return run_familywise_test(gains, scores)[0]
+    """Return the p-values (c,) of `run_familywise_test` for the scores (s, k) of each candidate."""
+    return run_familywise_test(gains, draw_scores(scores))[0]
 
 
 def run_familywise_test(
-    gains: FloatArray, scores: Sequence[FloatArray], level: float | None = None
+    gains: FloatArray, draws: Sequence[FloatArray], level: float | None = None
 ) -> tuple[FloatArray, FamilywiseLevels]:
     """Return how often the best of all candidates would look as good by chance as each of them does.
 
@@ -67,8 +68,8 @@ def run_familywise_test(
     ----------
     gains : (c, s)
         Gain of each candidate in each block that it was not fitted to, in squared units of the noise.
-    scores : sequence of (s, k)
-        What each block adds to the scores of the k parameters of a candidate (`compute_contributions`).
+    draws : sequence of (draws,)
+        Sizes of the scores of each candidate (`draw_scores`).
     level : float, optional
         Largest p-value of a finding; by default that of tests that no request sets.
 
@@ -81,9 +82,10 @@ def run_familywise_test(
     # With a single block there is nothing whose signs could be changed: nothing is significant.
     if not count or n_blocks < 2:
         return np.ones(count), FamilywiseLevels(np.inf, np.inf)
-    # The same random signs for all candidates: those that resemble each other stay alike in every draw.
-    signs = _draw_signs(n_blocks)
-    (by_gains, largest_gains), (by_scores, largest_scores) = _test_gains(gains, signs), _test_scores(scores, signs)
+    by_gains, largest_gains = _test_gains(gains, _draw_signs(n_blocks))
+    sizes = np.array(draws)
+    largest_scores = sizes.max(axis=0)
+    by_scores = _compute_share_reached(sizes[:, 0], largest_scores)
     # Half of the level for each statistic.
     quantile = 1.0 - (ALPHA if level is None else level) / 2.0
     levels = FamilywiseLevels(float(np.quantile(largest_gains, quantile)), float(np.quantile(largest_scores, quantile)))
@@ -95,9 +97,11 @@ def compute_single_p(gains: FloatArray) -> float:
     return float(_test_gains(gains[None], _draw_signs(len(gains)))[0][0])
 
 
+@lru_cache(maxsize=2)
 def _draw_signs(n_blocks: int) -> FloatArray:
     """Return random signs (draws, s), of which the first row changes none."""
-    # A fixed seed: the same data give the same p-values.
+    # A fixed seed: the same data give the same p-values. The same signs for all candidates: those that resemble each
+    # other stay alike in every draw.
     signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_blocks))
     # The observed signs count as one of the draws, so that no p is zero.
     signs[0] = 1.0
@@ -110,23 +114,31 @@ def _test_gains(gains: FloatArray, signs: FloatArray) -> tuple[FloatArray, Float
     n_blocks = values.shape[1]
     mean = signs @ values.T / n_blocks
     # Signs change the mean of the values and leave their squares: the variance follows without another product.
-    variance = np.maximum((values**2).mean(axis=1) - mean**2, np.finfo(float).tiny) * n_blocks / (n_blocks - 1)
+    variance = np.maximum((values**2).mean(axis=1) - mean**2, _TINY) * n_blocks / (n_blocks - 1)
     largest = (mean / np.sqrt(variance / n_blocks)).max(axis=1)
     return _compute_share_reached(compute_evenness(gains), largest), largest
 
 
-def _test_scores(scores: Sequence[FloatArray], signs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (c,): the share of draws in which the scores of any candidate sum up to as much; and the largest sums."""
-    own, largest = np.full(len(scores), -np.inf), np.full(len(signs), -np.inf)
+def draw_scores(scores: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return (draws,) for every candidate: the size of the sum of its scores with the signs of blocks drawn anew.
+
+    They are on one scale whatever the number of parameters, and the first draw is what was observed.
+
+    Parameters
+    ----------
+    scores : sequence of (s, k)
+        What each block adds to the scores of the k parameters of a candidate (`compute_contributions`).
+    """
+    sizes = [np.zeros(0)] * len(scores)
     # Candidates of equally many parameters are handled together, some at a time.
     for width in {each.shape[1] for each in scores}:
         members = [k for k, each in enumerate(scores) if each.shape[1] == width]
         for first in range(0, len(members), _TOGETHER):
             batch = members[first : first + _TOGETHER]
-            values = _standardise_scores(np.array([scores[k] for k in batch]), signs)
-            own[batch] = values[0]
-            largest = np.maximum(largest, values.max(axis=1))
-    return _compute_share_reached(own, largest), largest
+            values = _standardise_scores(np.array([scores[k] for k in batch]), _draw_signs(len(scores[0])))
+            for k, own in zip(batch, values.T, strict=True):
+                sizes[k] = own.copy()
+    return sizes
 
 
 def _compute_share_reached(own: FloatArray, largest: FloatArray) -> FloatArray:
@@ -149,7 +161,7 @@ def standardise_size(squares: FloatArray, spread: FloatArray) -> FloatArray:
     """
     mean = np.einsum("gkk->g", spread)
     # Candidates for which only their gains may speak have scores of zero.
-    silent = mean <= np.finfo(float).tiny
+    silent = mean <= _TINY
     mean = np.where(silent, 1.0, mean)
     freedom = np.where(silent, 1.0, mean**2 / np.where(silent, 1.0, (spread**2).sum(axis=(1, 2))))
     return np.asarray((np.cbrt(squares / mean) - (1.0 - 2.0 / (9.0 * freedom))) / np.sqrt(2.0 / (9.0 * freedom)))
@@ -244,7 +256,7 @@ class ScoredCandidate:
         if not named or named == len(self.joints):
             return list(self.joints)
         # An effect of one joint that acts on others too: the joint that it helps most.
-        removed = (self.before - self.after).sum(axis=0) / np.maximum(self.before.sum(axis=0), np.finfo(float).tiny)
+        removed = (self.before - self.after).sum(axis=0) / np.maximum(self.before.sum(axis=0), _TINY)
         return [max(self.joints, key=lambda j: float(removed[j]))]
 
     @property
@@ -330,34 +342,36 @@ def combine_scores(
     mean_gains = _average_arrays([own.sum(axis=2) * bar.factor for own, bar in zip(gains, bars, strict=True)])
     before, after = _average_arrays([bar.squares for bar in bars]), _average_arrays(errors)
     t, improved = compute_evenness(mean_gains), (mean_gains > 0).mean(axis=1)
-    scored = []
-    for k, (score, own_joints) in enumerate(zip(scores[0], joints, strict=True)):
-        index, tiny = list(own_joints), np.finfo(float).tiny
-        pairs = [(own[k, index], bar.sums[index]) for own, bar in zip(removed, bars, strict=True)]
-        # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
-        # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
-        if len(score.candidate.joints) < 2 and own_joints:
-            drop = np.min([own / np.maximum(base, tiny) for own, base in pairs], axis=0).max()
-        else:
-            drop = min(own.sum() / max(base.sum(), tiny) for own, base in pairs)
-        scored.append(
-            ScoredCandidate(
-                candidate=score.candidate,
-                joints=own_joints,
-                before=before,
-                # Copies, since a candidate that lasts would keep the arrays of all that were scored with it.
-                after=after[k].copy(),
-                drop=float(drop),
-                t=float(t[k]),
-                gains=mean_gains[k].copy(),
-                separability=score.separability,
-                amplitudes=score.amplitudes,
-                share_improved=float(improved[k]),
-                measured=score.measured,
-                after_weighted=after[k][:, index] @ bars[0].weight[index],
-            )
+    acts = np.zeros((len(joints), len(noise)))
+    for own_acts, own_joints in zip(acts, joints, strict=True):
+        own_acts[list(own_joints)] = 1.0
+    after_weighted = np.einsum("csn,cn->cs", after, acts * bars[0].weight)
+    # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
+    drops = np.min([own / np.maximum(bar.sums, _TINY) for own, bar in zip(removed, bars, strict=True)], axis=0)
+    largest = np.where(acts > 0.0, drops, -np.inf).max(axis=1)
+    together = np.min(
+        [(own * acts).sum(axis=1) / np.maximum(acts @ bar.sums, _TINY) for own, bar in zip(removed, bars, strict=True)],
+        axis=0,
+    )
+    return [
+        ScoredCandidate(
+            candidate=score.candidate,
+            joints=own_joints,
+            before=before,
+            # Copies, since a candidate that lasts would keep the arrays of all that were scored with it.
+            after=after[k].copy(),
+            # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
+            drop=float((largest if len(score.candidate.joints) < 2 and own_joints else together)[k]),
+            t=float(t[k]),
+            gains=mean_gains[k].copy(),
+            separability=score.separability,
+            amplitudes=score.amplitudes,
+            share_improved=float(improved[k]),
+            measured=score.measured,
+            after_weighted=after_weighted[k].copy(),
         )
-    return scored
+        for k, (score, own_joints) in enumerate(zip(scores[0], joints, strict=True))
+    ]
 
 
 def _average_arrays(values: Sequence[FloatArray]) -> FloatArray:

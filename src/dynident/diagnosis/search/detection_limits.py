@@ -29,7 +29,7 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit
 from dynident.diagnosis.search.acceptance_rules import find_least_drops, get_least_gain
 from dynident.diagnosis.search.candidate_outcomes import FinalScores
-from dynident.diagnosis.search.search_state import find_acting_columns, may_use_scores
+from dynident.diagnosis.search.search_state import may_use_scores
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation.residual_errors import compute_evenness
 
@@ -384,18 +384,20 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
     state, pool = final.state, final.state.pool
     blocks = JointBlocks.from_products(rows, state.columns, members)
     fits = FoldedFits.from_blocks(rows, blocks, state.noise, KINDS)
-    acting = find_acting_columns(pool)
-    acts = [np.array([acting[list(members[k].columns)].any(axis=0) for k in each.members]) for each in blocks.portions]
+    acts = [np.zeros((len(each.members), rows.n_joints), dtype=bool) for each in blocks.portions]
+    for own, each in zip(acts, blocks.portions, strict=True):
+        for own_acts, member in zip(own, each.members, strict=True):
+            own_acts[list(pool.find_joints(members[member].columns))] = True
     fitted, *kinds = (_BlockSums.from_portions(blocks, acts) for _ in range(len(KINDS) + 1))
     # Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     # seen, and held-out errors show an effect by that.
-    for j, own, errors in fits.read_errors():
-        for sums, each in zip((fitted, *kinds), errors, strict=True):
-            sums.add_joint(j, own, each, 1.0 / state.noise[j] ** 2)
+    for j, errors in fits.read_errors():
+        for sums, own_errors in zip((fitted, *kinds), errors, strict=True):
+            sums.add_joint(j, own_errors, 1.0 / state.noise[j] ** 2)
     folds = [tuple(split_data_folds(rows, kind)) for kind in KINDS]
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
-        unit, separability = fits.whole.compute_unit_directions(number), fits.whole.compute_separability(number)
+        unit, separability = fits.fits.compute_unit_directions(number), fits.fits.compute_separability(number)
         for place, (member, columns) in enumerate(zip(portion.members, portion.columns, strict=True)):
             candidate = members[member]
             usual, _ = _get_usual(pool, candidate)
@@ -446,15 +448,15 @@ class _BlockSums:
             squares |= {(number, place, _ALL): mine for place, mine in enumerate(whole)}
         return cls(np.zeros((joints, s)), np.zeros((joints, s, blocks.n_extra)), squares, acts, together)
 
-    def add_joint(self, joint: int, where: IndexArray, errors: JointErrors, weight: float) -> None:
-        """Add what one joint has in some blocks; each block of a joint comes once."""
+    def add_joint(self, joint: int, errors: JointErrors, weight: float) -> None:
+        """Add what some of a joint's rows have."""
         for sums, own in ((self.errors, errors.alone), (self.scores, errors.compute_scores())):
-            sums[joint, where] = own
-            sums[_ALL, where] += weight * own
+            sums[joint] += own
+            sums[_ALL] += weight * own
         for number, products in enumerate(errors.compute_squares()):
-            self.together[number][:, where] += weight * products
+            self.together[number][:] += weight * products
             for place in np.flatnonzero(self.acts[number][:, joint]).tolist():
-                self.squares[number, place, joint][where] = products[place]
+                self.squares[number, place, joint][:] += products[place]
 
     def take_candidate(
         self, number: int, place: int, columns: IndexArray, joints: IndexArray, folds: tuple[IndexArray, ...]

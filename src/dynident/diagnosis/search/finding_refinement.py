@@ -400,7 +400,7 @@ def predict_with_findings(
     columns = [state.pool.observation.columns[k] for k in state.base[state.pool.n_base :]]
     observation = model.observation.extend(columns, model.signals)
     blocks = JointBlocks.from_products(state.rows, state.columns, ())
-    values = blocks.fit_model(blocks.sum_products(state.noise)).chi
+    values = blocks.fit_sets(state.noise).chi[0]
     return [
         predict_again(comparison, observation, values, replace(inputs, recordings=[recording]))
         for comparison, recording in zip(comparisons, inputs.recordings, strict=True)

@@ -312,9 +312,10 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
         others = [number for number in range(len(choices)) if number not in gone]
         dropped = {key for number in gone for key in own[number]}
         columns = [k for k, column in enumerate(all_columns) if column.key not in dropped]
+        values = _solve_with(problem, columns)
         shares = {
             number: _compute_confirmed_share(
-                grown, held_out, problem, [k for k in columns if all_columns[k].key in own[number]], columns
+                grown, held_out, problem, [k for k in columns if all_columns[k].key in own[number]], columns, values
             )
             for number in others
         }
@@ -351,16 +352,23 @@ def _solve_with(problem: Problem, columns: Sequence[int]) -> FloatArray | None:
 
 
 def _compute_confirmed_share(
-    grown: Identification, data: Reduction, problem: Problem, own: Sequence[int], columns: Sequence[int]
+    grown: Identification,
+    data: Reduction,
+    problem: Problem,
+    own: Sequence[int],
+    columns: Sequence[int],
+    values: FloatArray | None,
 ) -> float:
     """Return the squared error that some columns remove from held-out rows, as a share of the torque they predict.
+
+    `values` are the parameters that fit best with all columns, None where nothing can be solved.
 
     On the joints that they act on, whatever other parameters make of the others; of the kind of rows that speaks most
     for them, of those on which they claim to act. Infinite where they predict nothing, where nothing can be solved
     without them, and where they lower the error of all joints noticeably: then the parameters of other joints are
     better with them.
     """
-    values, without = _solve_with(problem, columns), _solve_with(problem, [k for k in columns if k not in own])
+    without = _solve_with(problem, [k for k in columns if k not in own])
     if values is None or without is None:
         return math.inf
     observation, noise = grown.model.observation, compute_noise_levels(problem.data.torque, values)

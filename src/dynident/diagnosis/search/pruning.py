@@ -68,7 +68,7 @@ def _is_shown_by_several_runs(state: State, rows: Products, own: tuple[int, ...]
     """
     blocks = JointBlocks.from_products(rows, state.columns, [Candidate("", (), (), own)])
     fits = FoldedFits.from_blocks(rows, blocks, state.noise, ("runs",))
-    (whole,) = fits.whole.get_remaining_products(0)
+    whole, *without_each = fits.fits.get_remaining_products(0)[:, 0]
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
     sizes, directions = np.linalg.eigh(whole / np.outer(scale, scale))
     # Combinations that no run shows are not in question.
@@ -76,10 +76,7 @@ def _is_shown_by_several_runs(state: State, rows: Products, own: tuple[int, ...]
     if not shown.any():
         return False
     whitening = directions[:, shown] / np.sqrt(sizes[shown]) / scale[:, None]
-    return all(
-        np.linalg.eigvalsh(whitening.T @ fit.get_remaining_products(0)[0] @ whitening)[0] > 1.0 - NEARLY_ALL
-        for fit in fits.fits[0]
-    )
+    return all(np.linalg.eigvalsh(whitening.T @ own @ whitening)[0] > 1.0 - NEARLY_ALL for own in without_each)
 
 
 def _is_harmful(before: FloatArray, after: FloatArray) -> bool:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, compute_held_out_errors, score_folds
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
@@ -16,6 +16,7 @@ from dynident.diagnosis.candidates.significance import (
     FamilywiseLevels,
     ScoredCandidate,
     combine_scores,
+    draw_scores,
     run_familywise_test,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products
@@ -190,15 +191,15 @@ class ScoredFamily:
         The candidates.
     levels : FamilywiseLevels
         What the test asks of each of them.
-    contributions : tuple of (s, k)
-        What each block adds to the scores of each of them.
+    draws : tuple of (draws,)
+        Sizes of the scores of each of them, with the signs of blocks drawn anew.
     is_fresh : bool
         Whether all of them were scored beside the same model.
     """
 
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
-    contributions: tuple[FloatArray, ...] = ()
+    draws: tuple[FloatArray, ...] = ()
     is_fresh: bool = True
 
 
@@ -227,22 +228,23 @@ def score_family(
     ScoredFamily
         The candidates with the p-value of the family-wise test, and what the test asks of each of them.
     """
-    known = {} if earlier is None else dict(zip(earlier.scored, earlier.contributions, strict=True))
+    known = {} if earlier is None else dict(zip(earlier.scored, earlier.draws, strict=True))
     pairs = {each.candidate: (each, own) for each, own in known.items() if set(changed).isdisjoint(each.joints)}
     stale = [candidate for candidate in candidates if candidate not in pairs]
     is_fresh = len(stale) == len(candidates) or (earlier is not None and earlier.is_fresh and not changed)
     for rows in _group_by_rows(state, stale, None):
-        for scored, own in zip(*_score_same_rows(rows, state, by_parameters=True), strict=True):
-            by_scores = state.pool.is_change(scored.candidate) or may_use_scores(scored.candidate)
+        scored_rows, contributions = _score_same_rows(rows, state, by_parameters=True)
+        for candidate, own in zip(rows.candidates, contributions, strict=True):
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
-            pairs[scored.candidate] = scored, own if by_scores else np.zeros_like(own)
+            own *= state.pool.is_change(candidate) or may_use_scores(candidate)
+        pairs.update(zip(rows.candidates, zip(scored_rows, draw_scores(contributions), strict=True), strict=True))
     members = [pairs[candidate] for candidate in candidates]
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
     gains = np.stack([scored.gains for scored, _ in members]) if members else np.zeros((0, 0))
-    contributions = tuple(own for _, own in members)
-    p, levels = run_familywise_test(gains, contributions, state.level)
+    draws = tuple(own for _, own in members)
+    p, levels = run_familywise_test(gains, draws, state.level)
     tested = tuple(replace(scored, p=float(own)) for (scored, _), own in zip(members, p, strict=True))
-    return ScoredFamily(tested, levels, contributions, is_fresh)
+    return ScoredFamily(tested, levels, draws, is_fresh)
 
 
 def may_use_scores(candidate: Candidate) -> bool:
@@ -285,21 +287,8 @@ def _score_same_rows(
     blocks = JointBlocks.from_products(rows.data, state.columns, candidates)
     fits = FoldedFits.from_blocks(rows.data, blocks, noise, KINDS)
     scores_by_kind, contributions = score_folds(rows.data, fits, candidates, noise, by_parameters=by_parameters)
-    acting = find_acting_columns(state.pool)
-    joints = [_list_joints(acting, candidate) for candidate in candidates]
+    joints = [state.pool.find_joints(candidate.columns) for candidate in candidates]
     return combine_scores([scores for _, scores in scores_by_kind], joints, noise), contributions
-
-
-def find_acting_columns(pool: Pool) -> BoolArray:
-    """Return (columns, joints): the joints whose torque each column contributes to."""
-    acts = np.zeros((pool.observation.n_columns, pool.observation.robot.n), dtype=bool)
-    # W has an entry wherever a column gives torque on a joint.
-    acts[pool.observation.entry_columns, pool.observation.entry_rows] = True
-    return acts
-
-
-def _list_joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
-    return tuple(int(j) for j in np.flatnonzero(acting[list(candidate.columns)].any(axis=0)))
 
 
 def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
