@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.further_hidden_effects import CONTACT, DELAY, FREQUENCY, MORE, PAYLOAD, loaded, touched
+from support.further_hidden_effects import CONTACT, DELAY, FREQUENCY, MORE, PAYLOAD, loaded, loaded_on, touched
 from support.hidden_effects import (
     BAND,
     NAMES,
@@ -19,7 +19,13 @@ from support.hidden_effects import (
 )
 
 from dynident.diagnosis import diagnose, evidence
+from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
+from dynident.diagnosis.candidates.held_out_scores import JointBlocks
+from dynident.diagnosis.search.finding_refinement import LoadGains
+from dynident.diagnosis.search.search_state import gather_state
+from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, extend, identify
+from dynident.regressors.observation_matrix import RegressorInputs
 
 pytestmark = pytest.mark.slow
 
@@ -69,6 +75,40 @@ def test_a_payload_is_found_in_the_run_that_has_it_with_its_mass():
     assert max(one.explained for one in drawn) > 0.5
     for one in drawn:
         assert one.explained == pytest.approx(removed[NAMES.index(one.joint)], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("link", "centre", "mass"),
+    # On an inner link, whose torque no load on the tool has; and on the axis of the last joint, where it is the same
+    # function of the motion as on the link before.
+    [(2, (0.4, 0.0, 0.05), 0.5), (4, (0.03, 0.02, 0.0), 0.4), (5, (0.0, 0.0, 0.06), 1.0)],
+)
+def test_a_load_is_found_on_any_link_and_on_the_outer_one_where_both_explain_it(link, centre, mass):
+    first, second = motions(3)
+    bare = recorded(first, nothing, 1, "bare")
+    heavy = recorded(second, loaded_on(link, centre, mass), 2, "heavy")
+    plain = identify(ROBOT, [bare, heavy], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    (choice,) = diagnose(plain, [bare, heavy]).recommended
+    assert (choice.effect, choice.joints, choice.runs) == ("payload", (NAMES[link],), ("heavy",))
+
+
+def test_what_a_load_explains_is_the_same_with_columns_of_its_own():
+    first, second = motions(4)
+    bare, heavy = recorded(first, nothing, 3, "bare"), recorded(second, nothing, 4, "heavy")
+    plain = identify(ROBOT, [bare, heavy], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    inputs = RegressorInputs([bare, heavy], BAND, plain.estimate.next_reference())
+    state = gather_state(plain.model, build_pool_of_choices(plain.model, ()), inputs, plain.noise)
+    gains = LoadGains.from_state(plain.model, state, [bare, heavy]).compute_gains(("heavy",))
+    for name in NAMES:
+        pool = build_pool_of_choices(plain.model, [EffectChoice("payload", (name,), (), ("heavy",))])
+        grown = gather_state(plain.model, pool, inputs, plain.noise)
+        columns = np.arange(len(pool.observation.columns))
+        wide, narrow = (
+            JointBlocks.from_products(grown.rows, own, ()).sum_sets(plain.noise, grown.rows.sets)
+            for own in (columns, columns[: pool.n_base])
+        )
+        explained = [sums.wy[0] @ np.linalg.lstsq(sums.ww[0], sums.wy[0], rcond=1e-13)[0] for sums in (wide, narrow)]
+        assert gains.get(name, 0.0) == pytest.approx(explained[0] - explained[1], rel=0.02, abs=0.2)
 
 
 def test_friction_that_depends_on_another_joint_has_no_name_but_its_variable():

@@ -64,15 +64,17 @@ def touched(motion: Motion, load: FloatArray) -> FloatArray:
     return tau
 
 
-def loaded(motion: Motion, load: FloatArray) -> FloatArray:
-    """A point mass on the last link."""
-    centre = np.array([0.02, -0.03, 0.08])
+def loaded_on(link: int, centre: tuple[float, float, float], mass: float = PAYLOAD) -> Hidden:
+    """A point mass on a link."""
     x, y, z = centre
-    inertia = PAYLOAD * np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    inertia = mass * np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
     inertias = ROBOT.inertias.copy()
-    inertias[-1] += np.concatenate([inertia, PAYLOAD * centre, [PAYLOAD]])
+    inertias[link] += np.concatenate([inertia, mass * np.array(centre), [mass]])
     heavy = Robot(ROBOT.name, ROBOT.joints, ROBOT.gravity, ROBOT.drives, ROBOT.description, inertias)
-    return pinocchio_torque(heavy, motion.q, motion.dq, motion.ddq) - load
+    return lambda motion, load: pinocchio_torque(heavy, motion.q, motion.dq, motion.ddq) - load
+
+
+loaded = loaded_on(-1, (0.02, -0.03, 0.08))
 
 
 def _whole(effect: str, hidden: Hidden) -> Case:

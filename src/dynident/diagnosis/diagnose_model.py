@@ -51,6 +51,7 @@ from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import (
     RecordedSource,
     predict_with_findings,
+    propose_carriers,
     refine_constants,
     refine_findings,
 )
@@ -218,6 +219,7 @@ def examine(
     held_out, cut_sentences = select_comparable(identification, recordings, () if baseline else validation)
     question = _Question(identification, recordings, held_out, comparisons, tried, resolved, floor, since, rules)
     leads = propose_shapes(comparisons, recordings, identification, since)
+    leads = replace(leads, carriers=propose_carriers(identification, leads.run_groups, question.inputs))
     search = _search_effects(question, leads, scale_progress(progress, 0.1, 0.5))
     refined = _refine_search(question, leads, search, scale_progress(progress, 0.5, 0.56))
     if refined is not None:

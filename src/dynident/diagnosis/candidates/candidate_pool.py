@@ -247,9 +247,10 @@ def _list_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[E
     if effect.needs_session and leads.session < _SHORTEST_SESSION:
         return []
     if effect.in_some_runs:
-        # Which link carries it is looked for once the runs are known: a step between runs shows with the last one's.
-        carries = tuple(robot.joint_names[j] for j in effect.get_default_joints(robot))
-        return [EffectChoice(effect.id, carries, (), runs) for runs in leads.run_groups]
+        # The last link, and those on which it would explain most.
+        last = [robot.joint_names[j] for j in effect.get_default_joints(robot)]
+        places = [(runs, name) for runs in leads.run_groups for name in (*last, *leads.carriers.get(runs, ()))]
+        return [EffectChoice(effect.id, (name,), (), runs) for runs, name in dict.fromkeys(places)]
     if effect.scope == "robot":
         return _list_robot_choices(effect, model, leads)
     # What the model has on a joint is not missing there.
@@ -406,7 +407,7 @@ def explain_absence(effect: Effect, joint: str, model: Model, leads: ShapePropos
     return "its torque is zero, equals that of another candidate, or is not resolved by the filtered position"
 
 
-_OTHER_LINK = "it is looked for on the last link, and moved to another link once it is found"
+_OTHER_LINK = "on another link, a load of some runs explains more of the residual"
 
 
 def _is_in_model(effect: Effect, model: Model, joint: str) -> bool:

@@ -80,11 +80,11 @@ class JointBlocks:
         left_out : sequence of int
             Numbers of the sets.
         """
-        sums = self._sum_sets(noise, sets or self.sets).leave_out(np.array([0, *left_out], dtype=np.intp))
+        sums = self.sum_sets(noise, sets or self.sets).leave_out(np.array([0, *left_out], dtype=np.intp))
         return FoldFits(sums if self.known is None else sums.add_known(self.known, self.base), self.portions)
 
-    def _sum_sets(self, noise: FloatArray, sets: BlockSets) -> ProductSums:
-        """Return the sums over sets of blocks and all joints, each joint in units of its noise (n,)."""
+    def sum_sets(self, noise: FloatArray, sets: BlockSets) -> ProductSums:
+        """Return the sums over all blocks, and over each of some sets, of all joints in units of their noise (n,)."""
         f, b, c = len(sets.members), len(self.base), self.n_extra
         ww, xw, wy, xy = np.zeros((f, b, b)), np.zeros((f, c, b)), np.zeros((f, b)), np.zeros((f, c))
         within = tuple(np.zeros((f, *portion.columns.shape, portion.width)) for portion in self.portions)

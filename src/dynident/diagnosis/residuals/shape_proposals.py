@@ -45,6 +45,8 @@ class ShapeProposals:
         Run label, start and end (s) of intervals far above the rest.
     run_groups : tuple of tuple of str
         Sets of runs that an effect may be limited to.
+    carriers : mapping of tuple of str to list of str
+        Links on which a load would explain most, by the runs that it is limited to.
     has_temperature : bool
         Whether all recordings have a temperature.
     session : float
@@ -59,6 +61,7 @@ class ShapeProposals:
     time_lines: tuple[float, ...] = ()
     bursts: tuple[tuple[str, float, float], ...] = ()
     run_groups: tuple[tuple[str, ...], ...] = ()
+    carriers: Mapping[tuple[str, ...], Sequence[str]] = field(default_factory=dict)
     has_temperature: bool = False
     session: float = 0.0
     since: tuple[str, ...] = ()

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import (
@@ -17,9 +20,10 @@ from dynident.diagnosis.candidates.candidate_pool import (
     is_width_resolved,
     select_columns_on,
 )
+from dynident.diagnosis.candidates.fold_fit import ProductSums
 from dynident.diagnosis.candidates.held_out_scores import JointBlocks
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, predict_again
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason, ReasonCode
@@ -28,12 +32,13 @@ from dynident.diagnosis.search.acceptance_rules import compute_explained_error
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.pruning import RefinedModel
 from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import EffectChoice, get_effect, get_role
 from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
@@ -195,62 +200,141 @@ class RecordedSource:
         return replace(self, inputs=improve_reference(self.model, choices, self.inputs))
 
 
-_NOTHING = 1.0
-"""A difference of squared errors in units of the noise that says nothing: what is not there gains as much."""
+_CHANCE = 18.3
+"""Squared error, in units of the noise, that the ten parameters of a load take away by chance in 5 % of cases: χ²."""
+
+_SHOWN = 1e-6
+"""Least eigenvalue, of columns of length one, of a combination of a load's parameters that the motion shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadGains:
+    """What loads of some runs, on any link, explain beside a model, on the rows that it is fitted to.
+
+    A load moves with its link: its columns are those of the link's own inertia in its runs, which are combinations of
+    the model's base columns. So products of the base columns by run tell what every load explains.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    sums : ProductSums
+        Products of the columns of the model, and of findings behind them, over all blocks and over those of each run.
+    labels : tuple of str
+        Labels of the runs.
+    """
+
+    model: Model
+    sums: ProductSums
+    labels: tuple[str, ...]
+
+    @classmethod
+    def from_state(cls, model: Model, state: State, recordings: Sequence[Recording]) -> LoadGains:
+        """Sum products by run; without labels where not every run has rows."""
+        blocks, runs = JointBlocks.from_products(state.rows, state.columns, ()), state.rows.number_sets(("runs",))
+        labels = tuple(dict.fromkeys(label for recording in recordings for label in recording.segment_names))
+        return cls(model, blocks.sum_sets(state.noise, runs), labels if len(labels) == len(runs.members) - 1 else ())
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """Names of the joints whose links may carry something."""
+        # The first coordinates of a base that moves carry no link.
+        return self.model.robot.joint_names[self.model.robot.n_massless :]
+
+    def list_links(self, runs: Sequence[str]) -> list[str]:
+        """List the links on which a load of these runs explains most, the outermost first.
+
+        None where runs have no rows, or no load explains more than chance; more than one where the best of them
+        explains no more than chance beyond the others.
+        """
+        gains = self.compute_gains(runs)
+        best = max(gains.values(), default=0.0)
+        # Things are usually attached at the outer end of an arm.
+        return [name for name in reversed(gains) if gains[name] >= best - _CHANCE] if best > _CHANCE else []
+
+    def compute_gains(self, runs: Sequence[str]) -> dict[str, float]:
+        """Return the squared error, in units of the noise, that a load of these runs takes away, by link."""
+        numbers = [1 + self.labels.index(label) for label in runs if label in self.labels]
+        if not numbers or len(numbers) < len(runs):
+            return {}
+        right, square = self._project_runs(numbers)
+        return {name: self._compute_gain(name, right, square) for name in self.carriers}
+
+    def _project_runs(self, numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Return the products (p,), (p, p) of the columns in some runs with Y and each other, less what W explains."""
+        ww, wy = self.sums.ww, self.sums.wy
+        own, torque = ww[numbers].sum(axis=0), wy[numbers].sum(axis=0)
+        explained = own @ self._inverse
+        return torque - explained @ wy[0], own - explained @ own
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        """Inverse (p, p) of the products of all columns; columns without rows have none."""
+        products = self.sums.ww[0]
+        size = np.sqrt(np.diag(products))
+        size[size == 0] = 1.0
+        return np.asarray(np.linalg.pinv(products / np.outer(size, size), hermitian=True) / np.outer(size, size))
+
+    def _compute_gain(self, name: str, right: FloatArray, square: FloatArray) -> float:
+        base = self.model.base
+        inertia = [
+            k for k, column in enumerate(self.model.columns) if column.link == name and get_role(column) == "link"
+        ]
+        combination, b = base.grouping[:, inertia], base.count
+        columns, own = combination.T @ square[:b, :b] @ combination, combination.T @ right[:b]
+        length = np.sqrt(np.maximum(np.diag(columns), 0.0))
+        has = length > 0
+        values, vectors = np.linalg.eigh(columns[np.ix_(has, has)] / np.outer(length[has], length[has]))
+        shown = values > _SHOWN
+        return float(((vectors[:, shown].T @ (own[has] / length[has])) ** 2 / values[shown]).sum())
 
 
 def locate_findings(
     identification: Identification, findings: Sequence[Finding], inputs: RegressorInputs
 ) -> tuple[Finding, ...]:
-    """Move findings of some runs to the link that gains most, the outer one where data do not decide."""
+    """Move findings of some runs to the link where they explain most, the outer one where data do not decide."""
     # Only what some runs have may be on any link; other effects were found on their joints.
     loose = [k for k, finding in enumerate(findings) if get_effect(finding.judged.candidate.effect).in_some_runs]
-    if not loose:
-        return tuple(findings)
-    model = identification.model
-    # The first coordinates of a base that moves carry no link.
-    carriers = model.robot.joint_names[model.robot.n_massless :]
-    places = {k: [replace(findings[k].judged.candidate.choice, joints=(name,)) for name in carriers] for k in loose}
-    # The findings and all places of the loose ones in one pool, so that the recordings are read once.
-    choices = [finding.judged.candidate.choice for finding in findings] + [
-        choice for own in places.values() for choice in own
-    ]
-    state = gather_state(model, build_pool_of_choices(model, choices), inputs, identification.noise)
-    find = state.pool.find_candidate
     placed_findings = list(findings)
     for k in loose:
         # Each finding is placed beside all others, where they are by now.
-        others = [find(finding.judged.candidate.choice) for i, finding in enumerate(placed_findings) if i != k]
-        base = (*state.base, *(column for other in others if other for column in other.columns))
-        beside = replace(state, base=base)
-        judged = score_all(beside, [candidate for choice in places[k] if (candidate := find(choice))])
-        # On a link where it would be below zero, a mass makes up for something else.
-        judged = [scored for scored in judged if is_physically_possible(beside, scored)] or judged
-        placed_findings[k] = _move_to_best_link(placed_findings[k], judged, model.robot.joint_names)
+        others = [finding.judged.candidate.choice for i, finding in enumerate(placed_findings) if i != k]
+        placed_findings[k] = _move_to_best_link(identification, placed_findings[k], others, inputs)
     return tuple(placed_findings)
 
 
-def _is_as_good(best: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Return whether data do not tell another place from the best: it is the same function of the motion.
+def propose_carriers(
+    identification: Identification, groups: Sequence[tuple[str, ...]], inputs: RegressorInputs
+) -> dict[tuple[str, ...], list[str]]:
+    """List the links on which a load of some runs alone would explain most, by the labels of these runs."""
+    if not groups:
+        return {}
+    model = identification.model
+    state = gather_state(model, build_pool_of_choices(model, ()), inputs, identification.noise)
+    loads = LoadGains.from_state(model, state, inputs.recordings)
+    return {runs: loads.list_links(runs) for runs in groups}
 
-    Rounding, and which of the columns are left out as dependent, makes a difference that is small but always has the
-    same sign.
-    """
-    return are_indistinguishable(best, other) or float((best.gains - other.gains).sum()) < _NOTHING
 
-
-def _move_to_best_link(finding: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
-    best = max(judged, key=lambda scored: scored.total_gain)
-    alike = [scored for scored in judged if scored is best or _is_as_good(best, scored)]
-    # Things are usually attached at the outer end of an arm.
-    outer = max(alike, key=lambda scored: joints.index(scored.candidate.joints[0]))
-    outer_scored = replace(outer, p=finding.p)
-    return replace(
-        finding,
-        judged=outer_scored,
-        equal=(*finding.equal, *(scored for scored in alike if scored is not outer)),
-        around=(),
-    )
+def _move_to_best_link(
+    identification: Identification, finding: Finding, others: Sequence[EffectChoice], inputs: RegressorInputs
+) -> Finding:
+    model, own = identification.model, finding.judged.candidate.choice
+    plain = gather_state(model, build_pool_of_choices(model, others), inputs, identification.noise)
+    beside = replace(plain, base=tuple(range(len(plain.pool.observation.columns))))
+    links = LoadGains.from_state(model, beside, inputs.recordings).list_links(own.runs)
+    choices = list(dict.fromkeys([*(replace(own, joints=(name,)) for name in links), own]))
+    if choices == [own]:
+        return finding
+    pool = build_pool_of_choices(model, [*others, *choices])
+    state = gather_state(model, pool, inputs, identification.noise)
+    find = pool.find_candidate
+    columns = [k for choice in others if (other := find(choice)) for k in other.columns]
+    state = replace(state, base=(*state.base, *columns))
+    judged = score_all(state, [candidate for choice in choices if (candidate := find(choice))])
+    # On a link where it would be below zero, a mass makes up for something else.
+    chosen, *alike = [scored for scored in judged if is_physically_possible(state, scored)] or judged
+    equal = [scored for scored in alike if scored.candidate.joints[0] in links]
+    return replace(finding, judged=replace(chosen, p=finding.p), equal=(*finding.equal, *equal), around=())
 
 
 def refine_constants(
