@@ -108,11 +108,11 @@ def describe_currents(models: Sequence[CurrentModel]) -> Document:
     return to_document(to_view(CurrentModelsResult, None, joints=models))
 
 
-def describe_comparison(compared: ComparedRecording, *, learnt: bool) -> Document:
+def describe_comparison(compared: ComparedRecording, *, fit: bool) -> Document:
     """Describe measured against predicted torque."""
     from dynident_service.comparisons.adapters import describe_comparison as describe
 
-    return to_document(describe(compared.comparison, compared.judgement, True if learnt else None))
+    return to_document(describe(compared.comparison, compared.judgement, True if fit else None))
 
 
 def describe_diagnosis(diagnosis: Diagnosis, robot: Robot, doubts: Sequence[Doubt] = ()) -> Document:

@@ -153,9 +153,9 @@ def test_compare_prints_the_errors_and_writes_the_signals(desk: Path) -> None:
 
 
 def test_compare_says_when_the_motion_only_repeats_what_was_learnt(desk: Path) -> None:
-    same = dynident("compare", desk / "model.npz", desk / "run1.csv", "--learnt", desk / "run1.csv", "--json").document
+    same = dynident("compare", desk / "model.npz", desk / "run1.csv", "--fit", desk / "run1.csv", "--json").document
     assert same["repeated_motion"]["share"] == 1.0
-    other = dynident("compare", desk / "model.npz", desk / "run2.csv", "--learnt", desk / "run1.csv").out
+    other = dynident("compare", desk / "model.npz", desk / "run2.csv", "--fit", desk / "run1.csv").out
     assert "generalisation" not in other
     assert "noise floor" in other
     assert "repeated periods" in other
@@ -166,7 +166,7 @@ def test_compare_says_when_the_motion_only_repeats_what_was_learnt(desk: Path) -
     [
         ("extend", "MODEL", "RUN", "--effects", "offset"),
         ("report", "MODEL", "RUN", "-o", "report.html"),
-        ("compare", "MODEL", "OTHER", "--learnt", "RUN"),
+        ("compare", "MODEL", "OTHER", "--fit", "RUN"),
     ],
     ids=lambda words: words[0],
 )

@@ -245,7 +245,7 @@ def compare(
     model: Model | Identification,
     recordings: SomeRecordings,
     *,
-    learnt: SomeRecordings | None = None,
+    fit: SomeRecordings | None = None,
     progress: Progress = ignore_progress,
 ) -> Comparisons:
     """Compare measured with predicted torque, joint by joint.
@@ -256,8 +256,8 @@ def compare(
         The identified model, with or without its recordings.
     recordings : recordings
         Recordings of the same robot, whose torque is predicted.
-    learnt : recordings, optional
-        Recordings from which the model was identified, if the model does not contain them. With them, the comparison
+    fit : recordings, optional
+        Recordings that the model was fitted to, if the model does not contain them. With them, the comparison
         says whether a motion only repeats one of theirs.
     progress : function, optional
         Called with the fraction done and a message.
@@ -290,8 +290,8 @@ def compare(
     if not checked_recordings:
         raise DynidentError("give at least one recording for the comparison", title="Recordings needed")
     # Only with the recordings of the fit can it be told whether a recording was fitted to, or repeats one of these.
-    fit_recordings = (desk_model.recordings if learnt is None else as_recordings(learnt)).recordings
-    if learnt is not None:
+    fit_recordings = (desk_model.recordings if fit is None else as_recordings(fit)).recordings
+    if fit is not None:
         check_same_recordings(desk_model.identification, fit_recordings)
     compared = []
     for index, item in enumerate(checked_recordings):

@@ -235,11 +235,11 @@ def compare(
         READABLE_FILE,
     ],
     reading: Reading,
-    learnt: Annotated[
+    fit: Annotated[
         list[Path],
         repeatable_file_option(
-            "--learnt",
-            help="Recording from which the model was identified; may be repeated. Shows whether RECORDING only "
+            "--fit",
+            help="Recording that the model was fitted to; may be repeated. Shows whether RECORDING only "
             "repeats its motion.",
         ),
         READABLE_FILE,
@@ -259,9 +259,9 @@ def compare(
     identified = load_model(model)
     if out is not None:
         check_ending(out, TABLE_ENDINGS)
-    with argument_loading.read_recordings("compare", [measurement], identified.robot, reading, learnt) as data:
+    with argument_loading.read_recordings("compare", [measurement], identified.robot, reading, fit) as data:
         recordings, others, progress = data
-        (compared,) = compare_model(identified, recordings, learnt=others or None, progress=progress)
+        (compared,) = compare_model(identified, recordings, fit=others or None, progress=progress)
     if out is not None:
         compared.save(out)
 
@@ -272,7 +272,7 @@ def compare(
     messages = () if out is None else (f"signals written to {out}",)
     command_output.print_result(
         as_json,
-        lambda: contract_documents.describe_comparison(compared, learnt=bool(learnt)),
+        lambda: contract_documents.describe_comparison(compared, fit=bool(fit)),
         print_comparison,
         *messages,
     )

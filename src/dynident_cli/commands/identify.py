@@ -168,8 +168,8 @@ def extend(
     def show_next(console: Console) -> None:
         if result.out is not None and verdict.stop is None:
             files = [*validation[:1], *measurements] if validation else measurements[:1]
-            learnt = [word for path in files[1:] for word in ("--learnt", path)]
-            words = ["compare", result.out, files[0], *(learnt if validation else ())]
+            fit = [word for path in files[1:] for word in ("--fit", path)]
+            words = ["compare", result.out, files[0], *(fit if validation else ())]
             printed_results.show_next_command(console, "see where it still fails", words, files, reading)
 
     printed_results.write_extended_model(result, extended, model.stem, identified, verdict, show_next)

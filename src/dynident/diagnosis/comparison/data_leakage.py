@@ -115,15 +115,15 @@ def find_overlaps(fitted: Sequence[Recording], held_out: Sequence[Recording]) ->
     return tuple(overlaps)
 
 
-def correlate_fast_torque(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> float:
+def correlate_fast_torque(tried: Recording, fitted: Recording, repeats: Sequence[Repeat]) -> float:
     """Return the correlation of the fast part of the torques during the same motion; 0 where there is too little.
 
     Parameters
     ----------
-    tried, learnt : Recording
+    tried, fitted : Recording
         The held-out recording and the one of the fit.
     repeats : sequence of Repeat
-        Where `tried` repeats the motion of `learnt`.
+        Where `tried` repeats the motion of `fitted`.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def correlate_fast_torque(tried: Recording, learnt: Recording, repeats: Sequence
     t = np.arange(start, end, _STEP)
     if len(t) < _FEW:
         return 0.0
-    own, other = _filter_fast_torque(tried, t), _filter_fast_torque(learnt, t + longest.lag)
+    own, other = _filter_fast_torque(tried, t), _filter_fast_torque(fitted, t + longest.lag)
     if own is None or other is None:
         return 0.0
     sizes = np.sqrt((own**2).sum(axis=0) * (other**2).sum(axis=0))

@@ -85,7 +85,7 @@ def judge(
     comparison: Comparison,
     recording: Recording,
     preprocessing: Preprocessing,
-    learnt: Sequence[Recording] = (),
+    fitted: Sequence[Recording] = (),
 ) -> Judgement:
     """Compare a residual with the noise floor, and its motion with those that the model was fitted to.
 
@@ -97,8 +97,8 @@ def judge(
         What was compared.
     preprocessing : Preprocessing
         The filters of the model.
-    learnt : sequence of Recording
-        What the model was identified from; empty where the comparison is with one of these.
+    fitted : sequence of Recording
+        What the model was fitted to; empty where the comparison is with one of these.
 
     Returns
     -------
@@ -113,17 +113,17 @@ def judge(
         autocorrelation(comparison.t, comparison.segment, comparison.residual[:, j]).effective_samples
         for j in range(len(rms))
     ]
-    repeated = _find_repeated_motion(comparison, recording, learnt)
+    repeated = _find_repeated_motion(comparison, recording, fitted)
     return Judgement(noise, over, np.array(memory), repeated, _word_notes(comparison, noise, over, repeated))
 
 
 def _find_repeated_motion(
-    comparison: Comparison, recording: Recording, learnt: Sequence[Recording]
+    comparison: Comparison, recording: Recording, fitted: Sequence[Recording]
 ) -> RepeatedMotion | None:
     own_tracks = split_tracks(comparison.t, comparison.segment, comparison.q)
     motions = [
         RepeatedMotion(other.name, compute_repeated_share(own_tracks, load_tracks(other)))
-        for other in learnt
+        for other in fitted
         # The same motion with another payload is new data: it does test the model.
         if other.payload == recording.payload
     ]

@@ -166,7 +166,7 @@ def find_own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
     )
 
 
-def find_common_repeats(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Repeat, ...]:
+def find_common_repeats(tried: Sequence[Track], fitted: Sequence[Track]) -> tuple[Repeat, ...]:
     """Find intervals of a motion that another motion has as well, at the lag at which most of it is alike.
 
     Returns
@@ -174,26 +174,26 @@ def find_common_repeats(tried: Sequence[Track], learnt: Sequence[Track]) -> tupl
     tuple of Repeat
         Intervals of the motion in question; empty where nothing is common.
     """
-    if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
+    if not tried or not fitted or tried[0].q.shape[1] != fitted[0].q.shape[1]:
         return ()
-    tolerance = _compute_tolerance(learnt)
+    tolerance = _compute_tolerance(fitted)
     return tuple(
         repeat
         for k, track in enumerate(tried[:_MOST_RUNS])
-        for number, other in enumerate(learnt[:_MOST_RUNS])
+        for number, other in enumerate(fitted[:_MOST_RUNS])
         for repeat in _find_best_repeats(track, other, k, number, tolerance)
     )
 
 
-def compute_repeated_share(tried: Sequence[Track], learnt: Sequence[Track]) -> float:
+def compute_repeated_share(tried: Sequence[Track], fitted: Sequence[Track]) -> float:
     """Return the share of a motion's moving time (0 to 1) that repeats another motion."""
-    if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
+    if not tried or not fitted or tried[0].q.shape[1] != fitted[0].q.shape[1]:
         return 0.0
-    tolerance = _compute_tolerance(learnt)
+    tolerance = _compute_tolerance(fitted)
     moving, repeated = 0, 0
     for track in tried[:_MOST_RUNS]:
         known = np.zeros(len(track.t), dtype=bool)
-        for other in learnt[:_MOST_RUNS]:
+        for other in fitted[:_MOST_RUNS]:
             # A motion may repeat parts of another at several lags; each row counts once.
             for lag in _find_lags(track, other, tolerance):
                 known |= _select_same_rows(track, other, lag, tolerance)
