@@ -40,6 +40,7 @@ from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.design_result import expect_recording, follows_design
 from dynident.excitation.expected_torque import ExpectedTorque
 from dynident.identification import identify
+from dynident.motion.limits.bounds import slow_down_limits
 from dynident.recordings.row_storage import load_stored_samples
 from dynident.reports.figures.design import draw_campaign
 from dynident.simulation import (
@@ -87,6 +88,16 @@ def first_run(harmonics: int = DESIGN.trajectory.harmonics):
     plan = plan_run(start)
     state = add_run(start, recorded(plan.design, "run1"), plan)
     return plan, state, plan_run(state)
+
+
+def test_a_motion_begins_near_home_where_that_costs_little():
+    # Joints that turn twice around: starts that are drawn anywhere are several radians away.
+    state = start_campaign(dy.load_robot("xarm7"), REQUEST)
+    slow = slow_down_limits(state.robot, {}, REQUEST.first_speed)
+    requested = replace(state.request.design, limits=slow, effects=state.request.choices.effects)
+    planned, plain = plan_run(state).design, design_experiment(state.robot, requested)
+    moves = [design.duration - (design.exciting[1] - design.exciting[0]) for design in (planned, plain)]
+    assert moves[0] < 0.5 * moves[1]
 
 
 def read_positions(recording):
@@ -166,7 +177,7 @@ def test_a_promise_counts_the_whole_motion_but_what_filters_take_from_its_ends()
     assert waited.sum() < promised.sum()
     # Rows beside the longer halts are left out, and the quantiles of the errors are those of a thousand draws.
     assert (waited < 1.1 * promised).all()
-    assert (waited > 0.5 * promised).all()
+    assert (waited > 0.4 * promised).all()
 
 
 def test_a_promise_counts_rows_at_reversals_by_their_weight():
@@ -302,8 +313,8 @@ def test_chance_is_no_lack_of_the_model_and_a_missing_effect_is_one():
         seen[hidden] = np.array(lacking)
     # Six pairs of runs of four joints: with 95 % probability each.
     assert np.count_nonzero(seen[""]) <= 5
-    # The usual spring leaves some 1.5 N m; what chance explains takes little of that away.
-    assert (seen["joint_spring"][:, 1] > 1.4).all()
+    # The usual spring leaves some 0.8 N m in the slow run and 2 in the other; chance explains little of that.
+    assert (seen["joint_spring"][:, 1] > 0.7).all()
 
 
 def test_effects_are_recommended_alike_without_detection_limits():
@@ -445,7 +456,7 @@ def test_the_region_of_recordings_holds_their_states():
     region = collect_region(state.recordings)
     assert isinstance(region, Region)
     assert 200 < len(region.q) <= 400
-    assert (np.abs(region.dq).max(axis=0) <= 0.31 * np.array([joint.limits.velocity for joint in ARM.joints])).all()
+    assert (np.abs(region.dq).max(axis=0) <= 0.32 * np.array([joint.limits.velocity for joint in ARM.joints])).all()
     assert region.q.shape == region.ddq.shape == (len(region.q), ARM.n)
 
 

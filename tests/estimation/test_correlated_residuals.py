@@ -15,6 +15,7 @@ from dynident.estimation import (
     compute_correlation_factor,
     compute_pooled_statistics,
     qr_decomposition,
+    residual_correlation,
     solve_ordinary,
     solve_weighted,
     statistics,
@@ -22,6 +23,7 @@ from dynident.estimation import (
 from dynident.estimation.residual_correlation import (
     compute_correlation_factors,
     count_correlation_freedom,
+    count_effective_rows,
     join_dependent_blocks,
     select_fits,
 )
@@ -259,6 +261,18 @@ def test_blocks_are_joined_only_where_neighbours_depend_on_each_other():
     assert np.mean(np.array(counts[0.02]) == whole) >= 0.8
     assert max(counts[1.5]) < whole
     assert min(counts[1.5]) >= 5
+
+
+def test_statistics_join_blocks_once(monkeypatch):
+    reduction = draw_shared(0, 1.5)
+    solution = solve_ordinary(reduction)
+    worth = count_effective_rows(reduction, solution)
+
+    def refuse(*_):
+        raise AssertionError("joined again")
+
+    monkeypatch.setattr(residual_correlation, "join_dependent_blocks", refuse)
+    np.testing.assert_array_equal(statistics(reduction, solution).effective_rows, worth)
 
 
 @pytest.mark.parametrize("spread", [0.02, 0.2])

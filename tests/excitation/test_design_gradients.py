@@ -11,6 +11,7 @@ from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import build_smooth_criterion
 from dynident.excitation.design_observation_matrix import ObservationGradient, build_design_model
 from dynident.excitation.optimisation.design_problem import DesignProblem, Multipliers
+from dynident.motion.collision_free_paths import MoveCost
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import robot_from_library, to_pinocchio
@@ -68,6 +69,23 @@ def test_the_gradient_over_the_coefficients_agrees_with_finite_differences(name,
         step = 1e-6
         forward, backward = (problem.evaluate(x + s * direction, multipliers).lagrangian for s in (step, -step))
         assert at.gradient @ direction == pytest.approx((forward - backward) / (2 * step), rel=2e-4)
+
+
+def test_moves_from_and_to_home_cost_the_logarithm_of_the_time_that_they_add(ur10):
+    family, bounds = FourierFamily(4, 3.0), build_bounds(ur10, {})
+    model = build_design_model(ur10, [EffectChoice(effect) for effect in FRICTION])
+    criterion = build_smooth_criterion(CriterionChoice("d_optimal"), np.ones(model.n_parameters))
+    moves = MoveCost(family.basis(np.zeros(1))[0, 0], bounds.middle, bounds.velocity, 3.0)
+    plain, timed = (DesignProblem(family, model, criterion, bounds, moves=cost) for cost in (None, moves))
+    rng = np.random.default_rng(4)
+    x = 0.3 * rng.standard_normal(family.n_coefficients * ur10.n)
+    without, at = (problem.evaluate(x, problem.create_multipliers(1.0)) for problem in (plain, timed))
+    away = np.abs(family.basis(np.zeros(1))[0, 0] @ x.reshape(-1, ur10.n) - bounds.middle) / bounds.velocity
+    cost = at.criterion - without.criterion
+    assert np.log(1 + 2 * away.max() / 3.0) <= cost <= np.log(1 + 2 * away.sum() / 3.0)
+    direction = rng.standard_normal(x.shape)
+    forward, backward = (timed.evaluate(x + s * direction, timed.create_multipliers(1.0)) for s in (1e-6, -1e-6))
+    assert at.gradient @ direction == pytest.approx((forward.lagrangian - backward.lagrangian) / 2e-6, rel=2e-4)
 
 
 def test_hysteresis_belongs_to_what_a_motion_can_be_designed_for(panda):

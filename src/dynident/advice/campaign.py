@@ -1,7 +1,7 @@
 """Campaigns: run after run until enough is known, with a promise before and a decision after each.
 
 `plan_run` designs the motion that tells most about the goal (torque, parameters, effects, a load); `add_run` takes its
-recording, identifies and diagnoses the model from all runs, and decides whether to go on. Holds the fewest runs (2).
+recording, identifies and diagnoses the model from all runs, and decides. Holds the fewest runs (2).
 """
 
 from __future__ import annotations
@@ -221,8 +221,7 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
         )
     if design.time_budget is None and design.starts is None:
         design = replace(design, time_budget=DESIGN_SECONDS)
-    region = region or draw_region(robot, design.limits, request.speed)
-    trajectory = design.trajectory
+    region, trajectory = region or draw_region(robot, design.limits, request.speed), design.trajectory
     if trajectory.family == "fourier" and trajectory.harmonics == TrajectoryRequest.harmonics:
         harmonics = count_harmonics(region, robot, design.limits, trajectory.duration)
         trajectory = replace(trajectory, harmonics=max(trajectory.harmonics, harmonics))
@@ -235,7 +234,7 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
 
     The first motion is slow, since nothing is known of the torque but the description, and so is the first one with a
     load. Each later one lowers the variance of what is to be known, beside the recordings so far, within limits of
-    torque that the model keeps with its uncertainty.
+    torque that the model keeps with its uncertainty. Moves from and to home count as time.
 
     Parameters
     ----------
@@ -256,8 +255,8 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         slow = slow_down_limits(state.robot, design_request.limits, request.first_speed)
         design_request = replace(design_request, limits=slow)
     if identification is None:
-        effects = request.choices.effects
-        return PlannedRun(design_experiment(state.robot, replace(design_request, effects=effects), progress), None)
+        first = replace(design_request, effects=request.choices.effects)
+        return PlannedRun(design_experiment(state.robot, first, progress, counts_moves=True), None)
     # A recording without noise has residuals that are rounding.
     smallest = _LEAST_NOISE * max(float(identification.noise.max()), 1.0)
     effects = identification.model.effects
@@ -271,6 +270,7 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         earlier=state.recordings,
         identified=identification.estimate,
         region=state.region,
+        counts_moves=True,
     )
     measure = build_measure(request, state.region, identification)
     if measure is None:

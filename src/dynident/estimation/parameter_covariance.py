@@ -43,7 +43,6 @@ from dynident.estimation.residual_correlation import (
     compute_rests,
     compute_sandwich_covariance,
     compute_scores,
-    count_effective_rows,
     join_dependent_blocks,
 )
 from dynident.estimation.residual_errors import compute_residual_noise
@@ -430,7 +429,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     if not has_enough_blocks(joined, kind):
         return compute_pooled_statistics(reduction, solution, is_independent=kind == "independent")
     spread = estimate_cluster_covariance(joined, solution, kind)
-    worth = count_effective_rows(joined, solution)
+    worth = joined.row_counts / compute_correlation_factors(reduction, solution, joined)
     return Statistics(spread.covariance, worth, compute_residual_noise(reduction, solution.values), spread.freedom)
 
 

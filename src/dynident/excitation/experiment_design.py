@@ -144,6 +144,7 @@ def design_experiment(
     checkpoints: Checkpoints | None = None,
     identified: IdentifiedModel | None = None,
     region: Region | None = None,
+    counts_moves: bool = False,
 ) -> Design:
     """Design an experiment.
 
@@ -166,6 +167,8 @@ def design_experiment(
         rotors count, and a margin from its uncertainty. Without it the torque is that of the description's inertias.
     region : Region, optional
         States whose torque is to be predicted, for the criterion "prediction"; by default all that the limits allow.
+    counts_moves : bool
+        Whether a periodic motion is worth less the longer the moves from and to home take.
 
     Returns
     -------
@@ -214,7 +217,9 @@ def design_experiment(
         earlier=build_earlier_rows(model, earlier, request) if earlier else None,
         region=region or (draw_region(robot, request.limits) if request.criterion.name == "prediction" else None),
     )
-    task = DesignTask(request, model, design_criterion, limits, bounds, progress, checkpoints or NoCheckpoints())
+    task = DesignTask(
+        request, model, design_criterion, limits, bounds, progress, checkpoints or NoCheckpoints(), counts_moves
+    )
     progress(0.0, f"{model.n_parameters} base parameters")
     experiment = design_joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _design_joint_motion(task, budget)
     motion = sample_pieces(experiment.pieces, task.rate)
@@ -348,7 +353,8 @@ def rehearse_motion(
     design_criterion = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
     budget = Budget(request.starts_or_default, request.time_budget)
     # The same search with the same seed as the design makes, so that its result foretells the design's.
-    best = search_trajectory(request, family, model, bounds, design_criterion, budget).best
+    task = DesignTask(request, model, design_criterion, bounds, bounds, ignore_progress)
+    best = search_trajectory(task, family, budget).best
     parts, elapsed = [], 0.0
     for pace in trajectory.paces:
         slow = family.with_period(trajectory.duration / pace)

@@ -48,6 +48,47 @@ class HomeMoves:
     notes: tuple[str, ...]
 
 
+# Moves of less time than this (s) cost nothing; exponent of the norm over the joints that stands for the slowest one.
+_SHORT_MOVE, _SLOWEST = 0.02, 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class MoveCost:
+    """By how much the moves from and to home lengthen an experiment, over coefficients x (m, n) of a family.
+
+    A variance falls with the time at most as fast as 1 / time: where an experiment takes twice as long, the criterion
+    of its motion has to be half as large for it to be worth as much.
+
+    Parameters
+    ----------
+    start : (m,)
+        Positions at the start of a period for unit coefficients.
+    home : (n,)
+        Posture at which the experiment begins and ends, rad or m.
+    velocity : (n,)
+        Limits of the velocities, rad/s or m/s.
+    seconds : float
+        Duration of the motion without the moves, s.
+    """
+
+    start: FloatArray
+    home: FloatArray
+    velocity: FloatArray
+    seconds: float
+
+    def evaluate(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """Return the logarithm of the whole time over that of the motion alone, and its gradient (m, n)."""
+        # The slowest joint decides; a norm in its place has a gradient. Accelerations are left out.
+        way = (self.start @ x - self.home) / self.velocity
+        squares = way**2 + _SHORT_MOVE**2
+        longest = float(squares.max())
+        powers = (squares / longest) ** (_SLOWEST / 2)
+        moves = 2.0 * float(np.sqrt(longest) * powers.sum() ** (1.0 / _SLOWEST))
+        of_way = moves * powers / powers.sum() * way / squares
+        of_way /= self.velocity * (self.seconds + moves)
+        return float(np.log1p(moves / self.seconds)), np.outer(self.start, of_way)
+
+
 def check_home(stated: Sequence[float], limits: Bounds) -> None:
     """Raise where a posture does not have one position (rad, m) for each joint, or is outside the position limits.
 

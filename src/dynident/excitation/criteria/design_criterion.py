@@ -115,6 +115,13 @@ class DesignCriterion:
             self.choice, self.a_priori, self.deciding, structure=self.structure, earlier=self.earlier
         )
 
+    def compute_logarithm(self, values: CriterionValues) -> float:
+        """Return the logarithm of a motion's criterion, as it is optimised; infinite without full rank."""
+        if self.choice.name == "d_optimal":
+            # The value is the logarithm of a volume; the criterion is that of the mean variance.
+            return values.criterion / len(self.a_priori)
+        return float(np.log(values.criterion))
+
     def evaluate(self, w: FloatArray, n_samples: int) -> CriterionValues:
         """Return the true values of W.
 

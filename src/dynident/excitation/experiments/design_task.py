@@ -141,6 +141,8 @@ class DesignTask:
         Called with the fraction done and a message; may raise to cancel.
     checkpoints : Checkpoints
         Storage for the state of the search.
+    counts_moves : bool
+        Whether the search weighs what a motion shows against the time of the moves from and to home.
     """
 
     request: DesignRequest
@@ -150,6 +152,7 @@ class DesignTask:
     bounds: Bounds
     progress: Progress
     checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
+    counts_moves: bool = False
 
     @property
     def rate(self) -> float:

@@ -11,11 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.design_criterion import DesignCriterion
 from dynident.excitation.criteria.optimality_criteria import compute_baseline
-from dynident.excitation.design_observation_matrix import DesignModel
-from dynident.excitation.design_request import DesignRequest, TrajectoryRequest
-from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
+from dynident.excitation.design_request import TrajectoryRequest
+from dynident.excitation.experiments.design_task import (
+    DesignedExperiment,
+    DesignTask,
+    MotionValues,
+    compute_planned_seconds,
+)
 from dynident.excitation.optimisation.augmented_lagrangian import Resumption, optimise_trajectories, read_checkpoint
 from dynident.excitation.optimisation.design_problem import (
     Budget,
@@ -24,11 +27,11 @@ from dynident.excitation.optimisation.design_problem import (
     DesignProblem,
     draw_candidates,
 )
-from dynident.motion.collision_free_paths import plan_home_moves
+from dynident.motion.collision_free_paths import MoveCost, list_home_candidates, plan_home_moves
 from dynident.motion.joint_trajectories import BSplineFamily, Family, FourierFamily, PeriodicMotion
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.limits.limit_margins import AmplitudeScaler, Margin, are_limits_kept, build_limit_error
-from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
+from dynident.progress import scale_progress
 
 # Samples of a period that the reported values are computed from.
 _VALUED_SAMPLES = 1000
@@ -93,9 +96,7 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
     if abs(family.period - requested_period) > 1e-9 * requested_period:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
     notes += task.design_criterion.notes
-    search = search_trajectory(
-        request, family, model, bounds, task.design_criterion, budget, task.progress, task.checkpoints
-    )
+    search = search_trajectory(task, family, budget)
     candidates, best = search.candidates, search.best
     baseline = compute_baseline([candidate.values for candidate in candidates])
     notes += search.notes
@@ -144,38 +145,19 @@ class SearchResult:
     notes: tuple[str, ...] = ()
 
 
-def search_trajectory(
-    request: DesignRequest,
-    family: Family,
-    model: DesignModel,
-    bounds: Bounds,
-    design_criterion: DesignCriterion,
-    budget: Budget,
-    progress: Progress = ignore_progress,
-    checkpoints: Checkpoints | None = None,
-) -> SearchResult:
+def search_trajectory(task: DesignTask, family: Family, budget: Budget) -> SearchResult:
     """Search for coefficients that keep the limits and have a good criterion value.
 
     Without a time budget the same request gives the same answer, here and wherever it is repeated.
 
     Parameters
     ----------
-    request : DesignRequest
-        The design request.
+    task : DesignTask
+        The design task.
     family : Family
         Family of trajectories.
-    model : DesignModel
-        Model of the design.
-    bounds : Bounds
-        Limits of the motion.
-    design_criterion : DesignCriterion
-        Measure of a motion.
     budget : Budget
         Time and number of starts.
-    progress : Progress
-        Called with the fraction done and a message; may raise to cancel.
-    checkpoints : Checkpoints or None
-        Storage for the state of the search; a search that was stopped continues from there.
 
     Returns
     -------
@@ -187,12 +169,14 @@ def search_trajectory(
     ImpossibleLimitsError
         No trajectory fits into the limits.
     """
-    judge = CandidateEvaluator(family, model, design_criterion, rows=request.model)
-    before = None if checkpoints is None else read_checkpoint(checkpoints.load_last())
+    request, model, bounds, progress = task.request, task.model, task.bounds, task.progress
+    moves = _build_move_cost(task, family) if task.counts_moves else None
+    judge = CandidateEvaluator(family, model, task.design_criterion, rows=request.model, moves=moves)
+    before = read_checkpoint(task.checkpoints.load_last())
     # The random trajectories of the stopped search are used again, since drawing them may have been cut short by time.
     if before is not None:
         budget.add_elapsed(before.seconds)
-        candidates = [Candidate(x, judge.evaluate(x)) for x in before.candidates]
+        candidates = [judge.build_candidate(x) for x in before.candidates]
     else:
         candidates = draw_candidates(
             family,
@@ -209,15 +193,24 @@ def search_trajectory(
     # The best random motion is the result where none is optimised.
     if request.kind != "optimized":
         return SearchResult(tuple(candidates), candidates[0])
-    problem = DesignProblem(family, model, design_criterion.smooth_criterion, bounds, request.model)
+    problem = DesignProblem(family, model, task.design_criterion.smooth_criterion, bounds, request.model, moves)
     shrinking = AmplitudeScaler(family, bounds, model)
-    course = Resumption(checkpoints or NoCheckpoints(), before)
+    course = Resumption(task.checkpoints, before)
     result = optimise_trajectories(
         problem, shrinking, judge, candidates, budget, scale_progress(progress, 0.15, 0.95), course
     )
     completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
     note = f"{completed} before the time limit." if result.out_of_time else f"{completed}."
     return SearchResult(tuple(candidates), result.best, (note,))
+
+
+def _build_move_cost(task: DesignTask, family: Family) -> MoveCost | None:
+    """Return what the moves from and to home cost; None where no posture can be a home."""
+    try:
+        home = list_home_candidates(task.request.home, task.bounds, task.model)[0]
+    except ImpossibleLimitsError:
+        return None
+    return MoveCost(family.basis(np.zeros(1))[0, 0], home, task.bounds.velocity, compute_planned_seconds(task.request))
 
 
 def _evaluate_motion(task: DesignTask, judge: CandidateEvaluator, motion: PeriodicMotion) -> MotionValues:

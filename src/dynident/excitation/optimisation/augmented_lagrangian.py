@@ -245,9 +245,7 @@ def search_stepwise(
     before = course.before
     best_so_far = Optimisation(candidates[0], 0, budget.is_spent)
     if before is not None:
-        best_so_far = Optimisation(
-            Candidate(before.best, judge.evaluate(before.best)), before.completed, budget.is_spent
-        )
+        best_so_far = Optimisation(judge.build_candidate(before.best), before.completed, budget.is_spent)
     yield best_so_far
     # Where time alone is limited, every candidate may become a start.
     start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
@@ -277,7 +275,7 @@ def search_stepwise(
                 for start in together:
                     reached = _fit_within_limits(start.x, shrinking, judge)
                     # A start that cannot be brought within the limits is continued last.
-                    worth[start.number] = np.inf if reached is None else reached.values.criterion
+                    worth[start.number] = np.inf if reached is None else reached.rank
                     best_so_far = _update_best(best_so_far, reached, start.finished, budget)
                     start.counted = start.finished
                     yield best_so_far
@@ -342,11 +340,11 @@ def _pack_checkpoint(
 
 def _fit_within_limits(x: FloatArray, shrinking: AmplitudeScaler, judge: CandidateEvaluator) -> Candidate | None:
     fitting = shrinking.scale_down(x)
-    return None if fitting is None else Candidate(fitting, judge.evaluate(fitting))
+    return None if fitting is None else judge.build_candidate(fitting)
 
 
 def _update_best(best_so_far: Optimisation, reached: Candidate | None, finished: bool, budget: Budget) -> Optimisation:
-    better = reached is not None and reached.values.criterion < best_so_far.best.values.criterion
+    better = reached is not None and reached.rank < best_so_far.best.rank
     best = reached if reached is not None and better else best_so_far.best
     return Optimisation(best, best_so_far.starts + finished, budget.is_spent)
 

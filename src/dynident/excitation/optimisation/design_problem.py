@@ -21,6 +21,7 @@ from dynident.excitation.criteria.optimality_criteria import Criterion, Criterio
 from dynident.excitation.design_observation_matrix import DesignModel, ObservationGradient
 from dynident.excitation.equation_type_rows import RowModelName, build_row_model
 from dynident.excitation.expected_torque import ExpectedTorqueGradient
+from dynident.motion.collision_free_paths import MoveCost
 from dynident.motion.joint_trajectories import Family
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.limits.limit_margins import AmplitudeScaler
@@ -215,6 +216,8 @@ class DesignProblem:
         Limits of the motion.
     rows : str
         The identification model whose rows the criterion is computed from.
+    moves : MoveCost, optional
+        What the moves from and to home cost; nothing where left out.
     """
 
     def __init__(
@@ -224,8 +227,9 @@ class DesignProblem:
         criterion: Criterion,
         bounds: Bounds,
         rows: RowModelName = "dynamic",
+        moves: MoveCost | None = None,
     ) -> None:
-        self.family, self.bounds = family, bounds
+        self.family, self.bounds, self._moves = family, bounds, moves
         self.n = model.robot.n
         self.n_samples = count_period_samples(model, family)
         self._model = model
@@ -254,7 +258,7 @@ class DesignProblem:
 
     def copy_for_thread(self) -> DesignProblem:
         """Return a copy for another thread: evaluations of one problem use the same memory."""
-        return DesignProblem(self.family, self._model, self._criterion, self.bounds, self._rows_of)
+        return DesignProblem(self.family, self._model, self._criterion, self.bounds, self._rows_of, self._moves)
 
     def create_multipliers(self, penalty: float) -> Multipliers:
         """Return zero multipliers, where the augmented Lagrangian begins."""
@@ -303,6 +307,9 @@ class DesignProblem:
         if self._expected is not None:
             for basis, of_derivative in zip(self._basis, self._expected.pull_back(of_torque), strict=False):
                 gradient += basis.T @ of_derivative
+        if self._moves is not None:
+            cost, of_cost = self._moves.evaluate(x)
+            criterion, gradient = criterion + cost, gradient + of_cost
         # Without a gradient the optimiser leaves locked joints where they are.
         gradient[:, ~self._moving] = 0.0
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
@@ -333,10 +340,13 @@ class Candidate:
         Coefficients of the family, a column a joint.
     values : CriterionValues
         Criterion values of the trajectory.
+    rank : float
+        What candidates are compared by, the smaller the better: a logarithm of the criterion, with what moves cost.
     """
 
     x: FloatArray
     values: CriterionValues
+    rank: float
 
 
 class CandidateEvaluator:
@@ -350,11 +360,17 @@ class CandidateEvaluator:
         *,
         n_samples: int = 0,
         rows: RowModelName = "dynamic",
+        moves: MoveCost | None = None,
     ) -> None:
-        self._model, self._design_criterion = model, design_criterion
+        self._model, self._design_criterion, self.moves = model, design_criterion, moves
         self.n_samples = max(n_samples, count_period_samples(model, family))
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
         self.row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
+
+    def build_candidate(self, x: FloatArray) -> Candidate:
+        """Return the candidate of coefficients (m, n)."""
+        values, cost = self.evaluate(x), 0.0 if self.moves is None else self.moves.evaluate(x)[0]
+        return Candidate(x, values, self._design_criterion.compute_logarithm(values) + cost)
 
     def evaluate(self, x: FloatArray) -> CriterionValues:
         """Return the criterion values of coefficients (m, n)."""
@@ -436,10 +452,15 @@ def draw_candidates(
         x[1:] = rng.standard_normal((family.n_coefficients - 1, model.robot.n))
         # Each joint fills its own limits first; then one factor for all brings torque and clearances within theirs.
         x[1:] *= _find_largest_scale(basis @ x[1:], x[0], bounds)
+        if judge.moves is not None:
+            # As near to home as the range allows: from a start far away a search does not come back.
+            q = basis[0] @ x[1:]
+            low, high = bounds.position_low - q.min(axis=0), bounds.position_high - q.max(axis=0)
+            x[0] = np.clip(judge.moves.home - q[0], low, np.maximum(low, high))
         fitting = shrinking.scale_down(x)
         if fitting is not None:
-            candidates.append(Candidate(fitting, judge.evaluate(fitting)))
-    return sorted(candidates, key=lambda candidate: candidate.values.criterion)
+            candidates.append(judge.build_candidate(fitting))
+    return sorted(candidates, key=lambda candidate: candidate.rank)
 
 
 def _find_largest_scale(motion: FloatArray, centre: FloatArray, bounds: Bounds) -> FloatArray:
