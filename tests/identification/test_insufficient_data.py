@@ -102,6 +102,6 @@ def test_a_joint_that_moves_in_few_blocks_of_time_is_warned_of() -> None:
     # Beyond these torques the last joint's drive saturates, but for three seconds.
     tau[(motion.t < 8.0) | (motion.t > 11.0), 5] = 60.0
     short = replace(record(robot, motion, tau), torque_ranges=((-np.inf, np.inf),) * 5 + ((-50.0, 50.0),))
-    few = "wrist_3_joint moves in fewer than 5 blocks of time"
+    few = "Less than 5 blocks of time show the motion of wrist_3_joint"
     assert any(few in warning for warning in identify(robot, [short]).warnings)
     assert not any("blocks of time" in warning for warning in identify(robot, [whole]).warnings)

@@ -476,8 +476,8 @@ _RIGHT, _RATIOS_OF_UNITS, _GEARED = 0.05, (1.0, 30.0 / np.pi, np.pi / 30.0, 1.0 
 the reverse; from the last on degrees, or gears."""
 
 
-def ask_for_other_rate(sample: Sample, clock: Clock) -> Question | None:
-    """Ask for another rate than the stated one, where columns are the derivatives of others at another; else None.
+def ask_for_other_rate(sample: Sample, clock: Clock) -> list[Question]:
+    """Ask for another rate than the stated one, where columns are the derivatives of others at another.
 
     Parameters
     ----------
@@ -490,10 +490,10 @@ def ask_for_other_rate(sample: Sample, clock: Clock) -> Question | None:
     ratio = rate / clock.rate
     known = any(abs(ratio / factor - 1.0) < _RIGHT for factor in _RATIOS_OF_UNITS)
     if known or not 1.0 / _GEARED < ratio < _GEARED:
-        return None
+        return []
     remedy = Remedy("rate", rate)
     detail = (
         f"At {clock.rate:.4g} Hz the velocities are {ratio:.3g} times the derivatives of the positions; at {rate:g} Hz "
         f"they are right: {remedy}."
     )
-    return Question("units/t", detail, check="clock_rate", remedies=(remedy,))
+    return [Question("units/t", detail, check="clock_rate", remedies=(remedy,))]

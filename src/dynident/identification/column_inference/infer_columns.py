@@ -140,7 +140,7 @@ class _ColumnInference(WorkingProposal):
         if clock is None:
             return self._finish(kind)
         self.clock = clock
-        self.questions += filter(None, [ask_for_other_rate(sample, clock)])
+        self.questions += ask_for_other_rate(sample, clock)
         self.t = sample.values[:, clock.column] * clock.factor
         segment = find_segment_column(self)
         good = np.isfinite(self.t)
@@ -297,16 +297,15 @@ class _ColumnInference(WorkingProposal):
 
     def _describe_candidates(self, groups: list[ColumnGroup], signals: tuple[str, ...], name: str) -> str:
         """Say which columns may be a signal that was not recognised, or where else it may be."""
-        known = {index for group in groups if group.signal is not None for index in group.columns}
-        unknown = [named for index, named in enumerate(self.column_names) if index not in known]
-        if further := describe_further_joints(unknown, self.robot.n, signals):
+        known = {k for group in groups if group.signal is not None for k in group.columns}
+        others = (named for k, named in enumerate(self.column_names) if k not in known)
+        if further := describe_further_joints(list(others), self.robot.n, signals):
             return further
-        detail = f" If they are in another file, {TOGETHER}."
-        detail += describe_waves(self.column_names) if name == "position" else ""
-        detail += describe_unknown_groups(groups, self.name_columns, name)
-        if name == "position" and any(group.signal == "dq" for group in groups):
-            detail += " Velocities alone do not suffice: the load of gravity depends on the positions."
-        return detail
+        waves = describe_waves(self.column_names) if name == "position" else ""
+        unknown_groups = describe_unknown_groups(groups, self.name_columns, name)
+        detail = f" If they are in another file, {TOGETHER}.{waves}{unknown_groups}"
+        has_rates = name == "position" and any(group.signal == "dq" for group in groups)
+        return detail + " Velocities alone do not suffice: gravity depends on the positions." * has_rates
 
     def _ask_to_lock_fingers(self, position: ColumnGroup | None, effort: ColumnGroup) -> Question | None:
         """Ask to lock a few joints at the ends of the arm that stand still, and whose torque is 0 in every row."""

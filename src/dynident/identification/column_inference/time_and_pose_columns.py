@@ -489,14 +489,11 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
         reason = "eliminated, as you say of these contacts"
     elif not reactions:
         links, remedies = "none", (Remedy("contacts"),)
-        reason = (
-            "no columns are <link>_fx … <link>_mz: the file is read as that of a robot that nothing touches; name "
-            f"feet on the ground by {remedies[0]}"
-        )
+        reason = "no columns are <link>_fx … <link>_mz: the file is read as that of a robot that nothing touches; name "
+        reason += f"feet on the ground by {remedies[0]}"
     work.add_guess("columns/wrenches", links, 0.9, reason, remedies)
     if reactions and not any(name.signal in ("tau", "current", "effort") for name in work.column_names):
         # A person or a position-controlled robot on force plates: the joints' own equations are left out.
         work.questions = [question for question in work.questions if question.field != "columns/tau"]
         work.columns |= {f"tau{k + 1}": NOT_RECORDED for k in range(work.robot.n)}
-        reason = "no torques: the forces on links suffice for the base's equations"
-        work.add_guess("columns/tau", NOT_RECORDED, 0.9, reason)
+        work.add_guess("columns/tau", NOT_RECORDED, 0.9, "the forces on links suffice for the base's equations")

@@ -248,8 +248,8 @@ def _warn_of_excitation(identification: Identification) -> list[str]:
     names = identification.model.robot.joint_names
     if few := [names[k] for k in find_equations_in_few_blocks(identification.data.equations) if k < len(names)]:
         sentences.append(
-            f"{', '.join(few)} moves in fewer than {FEWEST_BLOCKS} blocks of time: whether its rows depend on each "
-            "other cannot be told, and deviations of its parameters may be too small. Move it for longer."
+            f"Less than {FEWEST_BLOCKS} blocks of time show the motion of {', '.join(few)}: whether rows depend on "
+            "each other cannot be told, and standard deviations may be too small. A longer motion helps."
         )
     if not identification.model.is_at_rest and identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
         sentences.append(
@@ -263,9 +263,9 @@ def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     """Warn of parameters that the data do not determine; those that may as well be zero do no harm by it."""
     parameters = estimate.parameters
     unsure = [f"{p.name} ({p.link})" if p.link else p.name for p in parameters if p.judgement == "uncertain"]
-    zero = sum(p.judgement == "zero_in_interval" for p in parameters)
     if not unsure:
         return []
+    zero = sum(p.judgement == "zero_in_interval" for p in parameters)
     others = f" {zero} more are not significantly different from zero." if zero else ""
     return [
         f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above "
@@ -275,8 +275,7 @@ def _warn_of_uncertain(estimate: Estimate) -> list[str]:
 
 
 def _join_names(names: Sequence[str]) -> str:
-    further = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {further} more" if further > 0 else "")
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED))
 
 
 def _warn_of_overfit(identification: Identification) -> list[str]:
