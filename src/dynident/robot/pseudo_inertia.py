@@ -149,15 +149,17 @@ def smallest_pseudo_inertia(parameters: FloatArray) -> FloatArray:
     return np.asarray(np.where(least > 0, np.linalg.eigvalsh(scaled)[..., 0], least))
 
 
-_HEAVIEST = 1000.0
-"""kg per m² of reach: arms have 10 to 160, from a hobby servo arm to one for 300 kg; in grams it is at least 10,000."""
+_HEAVIEST, _LIGHTEST = 1000.0, 200.0
+"""kg per m² of reach between the joints: arms have 2 to 160, from a hobby servo arm to one for 300 kg, and in grams at
+least 2,000; and grams of the lightest robot: compact machines such as pan-tilt heads have fewer kg."""
 
 _WIDEST = 3.0
-"""Times the reach up to which a link's centre of mass, or its radius of gyration, may be from its joint: 0.6 in
-descriptions that are right, and 30 and more with mm taken for m."""
+"""Times the reach between the joints up to which a link's centre of mass, or its radius of gyration, may be from its
+joint: 0.6 in descriptions that are right, and 30 and more with mm taken for m."""
 
-_LONGEST_END, _SHORTEST = 3.0, 0.02
-"""Distance in m of a centre of mass from its joint above which it is in mm; and the smallest robot that is measured."""
+_LONGEST_END, _SHORTEST = 3.0, 0.1
+"""Distance in m of a centre of mass from its joint above which it is in mm; and reach between the joints below which it
+does not say how large the robot is."""
 
 _SMALL = 1e-3
 
@@ -235,13 +237,15 @@ def find_description_units(robot: Robot) -> DescriptionUnits | None:
     """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
-    reach = measure_reach(robot)
+    # Neither a pedestal nor the centre of mass of a balanced wheel says how large a robot is.
+    places = [np.asarray(joint.placement)[:3, 3] for joint in robot.joints if joint.parent >= 0]
+    reach = float(np.linalg.norm(places, axis=-1).sum())
     links = robot.inertias[robot.inertias[:, 9] > 0]
     masses = links[:, 9]
     # Without a length nothing can be compared.
     if reach < _SHORTEST:
         return None
-    mass = _SMALL if masses.sum() > _HEAVIEST * reach**2 else 1.0
+    mass = _SMALL if masses.sum() > max(_LIGHTEST, _HEAVIEST * reach**2) else 1.0
     # The median over the links: a single link may have an odd centre of mass, a unit is wrong for all of them.
     centre = float(np.median(np.linalg.norm(links[:, 6:9], axis=1) / masses))
     moment = mass * (_SMALL if centre > _WIDEST * reach else 1.0)
