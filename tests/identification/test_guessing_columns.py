@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy import signal
 from support.drawn_recordings import guess, log
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
@@ -15,6 +16,8 @@ from dynident.identification.column_inference.column_statistics import Sample, f
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Proposal
 from dynident.identification.column_inference.torque_or_current import CANNOT_TELL
+from dynident.identification.column_inference.unnamed_columns import identify_unnamed_columns
+from dynident.recordings.signal_spectra import find_rate_by_slopes
 from dynident.robot import Robot, robot_from_urdf
 from dynident.robot.description_and_json import robot_from_description
 from dynident.robot.pseudo_inertia import find_description_units
@@ -322,6 +325,63 @@ def test_a_rate_that_the_velocities_refute_is_doubted_before_torques_and_units_a
     assert {one.field for one in propose(replace(given, values=right), ROBOT).questions} <= {"effort_kind"}
 
 
+def swing(rate: float, fastest: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Exact positions, velocities and accelerations (m, 6), each of three waves up to the fastest (Hz)."""
+    t = np.arange(0.0, 20.0, 1.0 / rate)[:, None, None]
+    random = np.random.default_rng(seed)
+    speed = 2.0 * np.pi * fastest * np.array([1 / 3, 2 / 3, 1.0])[:, None] * random.uniform(0.9, 1.0, (3, 6))
+    phase = speed * t + random.uniform(0.0, 2.0 * np.pi, (3, 6))
+    waves = np.sin(phase) / speed, np.cos(phase), -speed * np.sin(phase)
+    q, dq, ddq = (wave.sum(axis=1) for wave in waves)
+    return q + random.uniform(0.5, 1.0, 6), dq, ddq
+
+
+@pytest.mark.parametrize(("rate", "fastest"), [(20.0, 1.0), (20.0, 2.0), (50.0, 2.0), (100.0, 3.0)])
+def test_the_rate_that_velocities_say_does_not_depend_on_how_fast_the_motion_is(rate: float, fastest: float) -> None:
+    q, dq, _ = swing(rate, fastest)
+    assert find_rate_by_slopes(np.column_stack([q, dq])) == rate
+
+
+def test_velocities_that_a_filter_delays_say_no_rate() -> None:
+    q, dq, _ = swing(200.0, 1.0)
+    assert find_rate_by_slopes(np.column_stack([q, signal.lfilter([0.06], [1.0, -0.94], dq, axis=0)])) == 0.0
+
+
+def test_a_second_clock_and_a_constant_do_not_hide_the_rate() -> None:
+    q, dq, _ = swing(100.0, 1.0)
+    rows = np.arange(len(q))
+    values = np.column_stack([q[:, :2], dq[:, :2], np.full(len(q), 3.0), 5.0 + rows * 0.01])
+    assert find_rate_by_slopes(values) == 100.0
+    assert find_rate_by_slopes(np.empty((100, 0))) == 0.0
+
+
+def ask_at_rate(q: np.ndarray, dq: np.ndarray, rate: float) -> list[float]:
+    names = [f"{name}{j + 1}" for name in ("q", "dq", "tau") for j in JOINTS]
+    tau = np.random.default_rng(3).normal(size=q.shape)
+    values = np.column_stack([np.arange(len(q)) / rate, q, dq, tau])
+    found = propose(Sample(("t", *names), values, {}, has_stated_rate=True), ROBOT)
+    return [one.remedies[0].value for one in found.questions if one.check == "clock_rate"]
+
+
+def test_a_stated_rate_is_doubted_where_it_is_wrong_by_ten_and_not_for_units() -> None:
+    q, dq, _ = swing(100.0, 1.0)
+    assert ask_at_rate(q, dq, 1000.0) == ask_at_rate(q, dq, 10.0) == [100.0]
+    units = [(1.0, 1.0), (1.0, 30.0 / np.pi), (0.5 / np.pi, 1.0), (1.0, 0.5 / np.pi)]
+    assert not any(ask_at_rate(of_q * q, of_dq * dq, 100.0) for of_q, of_dq in units)
+
+
+def test_torques_of_most_joints_like_velocities_are_no_velocities() -> None:
+    q, dq, ddq = (values[:, :3] for values in swing(100.0, 1.0))
+    t = np.arange(len(q)) / 100.0
+
+    def has_rates(others: np.ndarray) -> bool:
+        found = identify_unnamed_columns(t, np.column_stack([q, others]), range(6), 3, lambda *_: 1.0)
+        return found is not None and len(found.rates) == 3
+
+    assert has_rates(dq)
+    assert not has_rates(np.column_stack([5.0 * dq[:, :2], ddq[:, 2]]))
+
+
 @pytest.mark.parametrize(("seed", "rate"), [(1, 100.0), (2, 300.0)])
 def test_velocities_without_torques_are_no_torques(seed: int, rate: float) -> None:
     """Also where the rate is not that of the rows."""
@@ -341,7 +401,7 @@ def test_a_joint_that_sweeps_through_a_grid_of_poses_is_no_clock() -> None:
 
 
 def draw_pendulum(mass: float, length: float) -> Robot:
-    """One link at the base: no distance between joints says how large the robot is."""
+    """One link at the base, such as a balanced wheel: no distance between joints says how large the robot is."""
     inertia = (
         f'<inertia ixx="{mass * length**2 / 50}" ixy="0" ixz="0" iyy="{mass * length**2 / 50}" iyz="0" izz="1e-3"/>'
     )
@@ -354,9 +414,25 @@ def draw_pendulum(mass: float, length: float) -> Robot:
     )
 
 
-@pytest.mark.parametrize(("mass", "length"), [(0.6, 0.45), (2.5, 0.9)])
+@pytest.mark.parametrize(("mass", "length"), [(0.6, 0.45), (2.5, 0.9), (5.0, 0.03), (150.0, 0.3)])
 def test_the_masses_of_a_pendulum_are_not_said_to_be_in_grams(mass: float, length: float) -> None:
     assert find_description_units(draw_pendulum(mass, length)) is None
+
+
+@pytest.mark.parametrize(("mass", "offset", "pedestal"), [(6.0, 0.05, 0.0), (30.0, 0.15, 0.0), (120.0, 0.0, 0.2)])
+def test_the_masses_of_a_mount_of_two_axes_are_not_said_to_be_in_grams(
+    mass: float, offset: float, pedestal: float
+) -> None:
+    inertia = f'<inertia ixx="{0.01 * mass}" ixy="0" ixz="0" iyy="{0.01 * mass}" iyz="0" izz="{0.01 * mass}"/>'
+    body = f'<inertial><origin xyz="0 0 0.02"/><mass value="{mass / 2}"/>{inertia}</inertial>'
+    mount = robot_from_urdf(
+        "mount",
+        f'<robot name="mount"><link name="base"/><link name="pan">{body}</link><link name="tilt">{body}</link>'
+        f'<joint name="j1" type="continuous"><origin xyz="0 0 {pedestal}"/><axis xyz="0 0 1"/><parent link="base"/>'
+        f'<child link="pan"/></joint><joint name="j2" type="continuous"><origin xyz="0 0 {offset}"/>'
+        '<axis xyz="0 1 0"/><parent link="pan"/><child link="tilt"/></joint></robot>',
+    )
+    assert find_description_units(mount) is None
 
 
 @pytest.mark.parametrize("seed", [1, 2])

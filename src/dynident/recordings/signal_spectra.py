@@ -188,13 +188,22 @@ SLOPE = 0.9
 
 def smooth_columns(values: FloatArray, width: int) -> FloatArray:
     """Return means over `width` rows, twice, without the ends (m, columns)."""
-    if width <= 1:
-        return values
-    # Running means by cumulative sums take a time that does not depend on the width.
+    return values if width <= 1 else _sum_rows(_sum_rows(values, width), width) / width**2
+
+
+def _sum_rows(values: FloatArray, width: int) -> FloatArray:
+    """Return running sums over `width` rows, in a time that does not depend on the width."""
     total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
-    once = (total[width:] - total[:-width]) / width
-    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), once]), axis=0)
-    return np.asarray((total[width:] - total[:-width]) / width)
+    return np.asarray(total[width:] - total[:-width])
+
+
+def _average_by_simpson(values: FloatArray, intervals: int) -> FloatArray:
+    """Return means over an even number of intervals between rows, by Simpson's rule."""
+    signs = np.where(np.arange(len(values)) % 2, -1.0, 1.0)[:, None]
+    first, last = values[:-intervals], values[intervals:]
+    alternating = signs[: len(first)] * _sum_rows(signs * values, intervals + 1)
+    # Weights 1, 4, 2, … 2, 4, 1: 3 of every row, with 1 less or more in turns, and 1 less at both ends.
+    return np.asarray((3.0 * _sum_rows(values, intervals + 1) - alternating - first - last) / (3.0 * intervals))
 
 
 def fill_gaps(values: FloatArray) -> FloatArray:
@@ -237,13 +246,14 @@ def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, Flo
     one_run = restarts[span:] == restarts[:-span]
     good = one_run & (step > 0) & (step < 20 * max(float(np.median(step)), 1e-12))
     rise = (values[2 * reach :] - values[: -2 * reach])[good] / step[good][:, None]
-    middle = values[reach:-reach][good]
+    # The rise of a position over these rows is the mean of its velocity, which a fast motion's middle is not.
+    mean = _average_by_simpson(values, 2 * reach)[good]
     if len(rise) < 16:
         nothing = np.zeros((values.shape[1], values.shape[1]))
         return nothing, nothing
     size = np.sqrt((rise**2).sum(axis=0))
-    other = np.sqrt((middle**2).sum(axis=0))
-    inner = rise.T @ middle
+    other = np.sqrt((mean**2).sum(axis=0))
+    inner = rise.T @ mean
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.nan_to_num(inner / (size[:, None] * other[None, :]))
         factor = np.nan_to_num(inner / (size[:, None] ** 2))
@@ -254,6 +264,8 @@ _NOMINAL = 100.0
 """Hz at which rows without time are differentiated; the rate that follows does not depend on it."""
 _ALIKE, _MOST, _ROUNDED = 0.02, 0.75, 0.01
 """Relative difference of rates that are one, share of the columns with a slope that give it, and its error."""
+_UNDELAYED = 0.99
+"""Correlation that a filtered velocity lacks: a first-order filter of this one takes 2 % off the rate, its square."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
 """Hz of the rows: with degrees beside rad/s the rate would be 57 times too low or too high."""
 
@@ -266,14 +278,19 @@ def find_rate_by_slopes(values: FloatArray) -> float:
     values : (m, c)
         Values of all columns, such as positions and velocities of joints; NaN where there is no number.
     """
+    # A clock has one slope, which any constant is a multiple of: neither goes up and down.
+    steps = np.diff(values, axis=0)
+    values = values[:, (steps > 0.0).any(axis=0) & (steps < 0.0).any(axis=0)]
+    if values.shape[1] < 2:
+        return 0.0
     correlation, factor = correlate_slopes(np.arange(len(values)) / _NOMINAL, values)
     np.fill_diagonal(correlation, 0.0)
-    follower = correlation.argmax(axis=1)
-    pairs = [(i, j) for i, j in enumerate(follower) if correlation[i, j] > SLOPE and correlation[:, j].argmax() == i]
+    pairs = [(i, j) for i, j in enumerate(correlation.argmax(axis=1)) if correlation[:, j].argmax() == i]
+    pairs = [pair for pair in pairs if correlation[pair] > _UNDELAYED]
     rates = np.array([_NOMINAL * factor[pair] for pair in pairs])
     common = float(np.median(rates)) if len(rates) > 1 else 0.0
     if not _SLOWEST < common < _FASTEST or np.mean(np.abs(rates - common) <= _ALIKE * common) < _MOST:
         return 0.0
-    # Differences take a little off a slope; most logs have a period of whole milliseconds.
+    # Noise takes a little off a slope; most logs have a period of whole milliseconds.
     usual = 1000.0 / max(1, round(1000.0 / common))
     return float(f"{usual if abs(usual / common - 1.0) < _ROUNDED else common:.4g}")

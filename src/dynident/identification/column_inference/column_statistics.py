@@ -471,9 +471,10 @@ def _counts_on(values: FloatArray) -> bool:
     return _FEWEST_SECONDS <= len(counts) < 0.5 * len(steps) and bool(np.allclose(counts, abs(counts[0]), rtol=1e-6))
 
 
-_RIGHT, _RATIOS_OF_UNITS, _GEARED = 0.05, (1.0, 30.0 / np.pi, np.pi / 30.0, 1.0 / 6.0), 20.0
-"""Share by which a stated rate may miss that of the velocities; and ratios with other causes: rpm of rad or degrees, or
-the reverse; from the last on degrees, or gears."""
+_RIGHT, _SAME_RATIO, _GEARED = 0.05, 0.02, 20.0
+_RATIOS_OF_UNITS = np.array([30.0 / np.pi, np.pi / 30.0, 1.0 / 6.0, 2.0 * np.pi, 0.5 / np.pi])
+"""Share by which a stated rate may miss that of the velocities, and a ratio those of rpm or turns with rad or degrees:
+30 / π is near 10, a usual mistake of rates; from the third number on a ratio is that of degrees, or of gears."""
 
 
 def ask_for_other_rate(sample: Sample, clock: Clock) -> list[Question]:
@@ -488,12 +489,12 @@ def ask_for_other_rate(sample: Sample, clock: Clock) -> list[Question]:
     """
     rate = find_rate_by_slopes(np.delete(sample.values, clock.column, axis=1)) if sample.has_stated_rate else 0.0
     ratio = rate / clock.rate
-    known = any(abs(ratio / factor - 1.0) < _RIGHT for factor in _RATIOS_OF_UNITS)
+    known = abs(ratio - 1.0) < _RIGHT or bool((np.abs(ratio / _RATIOS_OF_UNITS - 1.0) < _SAME_RATIO).any())
     if known or not 1.0 / _GEARED < ratio < _GEARED:
         return []
     remedy = Remedy("rate", rate)
     detail = (
         f"At {clock.rate:.4g} Hz the velocities are {ratio:.3g} times the derivatives of the positions; at {rate:g} Hz "
-        f"they are right: {remedy}."
+        f"they are right: {remedy}. If {clock.rate:.4g} Hz is right, they are in another unit, or those of motors."
     )
     return [Question("units/t", detail, check="clock_rate", remedies=(remedy,))]

@@ -23,6 +23,8 @@ _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
 _SAME_FACTOR = 0.02
 """Relative difference of the factors of velocities over slopes, which differ by noise and filters alone."""
+_STILL = 0.01
+"""Spread of a joint that stands, at most, as a share of the largest."""
 _GAP = 3.0
 """Ratio of the smoothest torque's roughness to the roughest position's, at least."""
 MeasureUnexplained = Callable[[tuple[int, ...], tuple[int, ...]], float]
@@ -173,13 +175,17 @@ def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], 
 def _split_positions_and_rates(
     t: FloatArray, part: FloatArray, columns: Sequence[int], n: int
 ) -> UnnamedColumns | None:
-    """Find positions and velocities without torques: slopes of one factor, which no torque is for all joints."""
+    """Find positions and velocities without torques: of all joints that move, slopes of one factor, as no torque is."""
     correlation, factor = correlate_slopes(t, part)
     for blocks in _list_layouts(n, 2):
         for first, second in (blocks, blocks[::-1]):
-            pairs = [(i, j) for i, j in zip(first, second, strict=True) if correlation[i, j] > SLOPE]
-            factors = np.array([factor[pair] for pair in pairs])
-            if 2 * len(pairs) > n and len(pairs) > 1 and np.ptp(factors) <= _SAME_FACTOR * factors.max():
+            spread = part[:, first].std(axis=0)
+            moving = np.flatnonzero(spread > _STILL * spread.max())
+            if len(moving) < 2:
+                continue
+            pairs = np.array(first)[moving], np.array(second)[moving]
+            factors = factor[pairs]
+            if correlation[pairs].min() > SLOPE and np.ptp(factors) <= _SAME_FACTOR * factors.max():
                 q, dq = (tuple(columns[index] for index in block) for block in (first, second))
                 return UnnamedColumns(q, dq, (), "one half of the columns are the derivatives of the other")
     return None
