@@ -215,11 +215,11 @@ def measure_reach(robot: Robot) -> float:
     reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
     if robot.inertias is None:
         return reach
-    # No joint says how long a link at an end is, such as a pendulum: as long as its centre of mass is far, in m.
+    # No joint says how long a pendulum is: as long as its centre of mass is far, in m.
     ends = np.isin(np.arange(robot.n), [joint.parent for joint in robot.joints], invert=True)
     links = robot.inertias[ends & (robot.inertias[:, 9] > 0.0)]
     centres = np.linalg.norm(links[:, 6:9], axis=1) / links[:, 9]
-    return reach + float(centres[centres < _LONGEST_END].sum())
+    return max(reach, float(centres[centres < _LONGEST_END].sum()))
 
 
 def find_description_units(robot: Robot) -> DescriptionUnits | None:
