@@ -141,6 +141,25 @@ def test_an_accelerometer_stands_for_the_position_of_the_base(robot: Robot, tmp_
     assert all(row.held_out < 0.05 for row in model.errors)
 
 
+@pytest.mark.parametrize(("names", "field"), [(("x1", "x2", "x3"), "effort_kind"), (("a", "b", "c"), "columns/tau")])
+def test_columns_that_may_be_the_torques_are_asked_about_beside_wrenches(
+    robot: Robot, tmp_path: Path, names: tuple[str, ...], field: str
+) -> None:
+    motion = draw_motion(1, 8.0)
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque, {"base": wrench})
+    rows = pacsv.read_csv(log)
+    others = dict(zip(("tau1", "tau2", "tau3"), names, strict=True))
+    pacsv.write_csv(rows.rename_columns([others.get(name, name) for name in rows.column_names]), log)
+    proposal = dy.inspect(log, robot)
+    (question,) = proposal.questions
+    assert question.field == field
+    assert "none" not in proposal.said["columns"].values()
+    # Whoever knows that there is no torque is told how to say so.
+    offered = [remedy.value for remedy in question.remedies]
+    assert offered == ([{"tau1": "none", "tau2": "none", "tau3": "none"}] if field == "columns/tau" else [])
+
+
 def test_the_forces_that_hold_a_robot_without_torques_give_its_mass(tmp_path: Path) -> None:
     (tmp_path / "walker.urdf").write_text(WALKER)
     robot = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating")
