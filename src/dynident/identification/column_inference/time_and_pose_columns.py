@@ -444,7 +444,8 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
     names, nothing_stated = work.sample.names, RecordingMetadata()
     # Nothing was compared with the dynamics, however long the recording is.
     work.guesses = [guess for guess in work.guesses if guess.field != "check"]
-    pose = find_base_columns(names, nothing_stated)
+    joints = build_recorded_joints(robot)
+    pose = find_base_columns(names, nothing_stated, joints)
     angles = [name for name in ("base_yaw", "base_pitch", "base_roll") if name in robot.joint_names[: robot.n_base]]
     if pose:
         work.columns |= {ours: source for ours, source in pose.items() if ours != source}
@@ -457,7 +458,7 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
         )
         work.add_question("columns/base_qx", detail, names)
     try:
-        reactions = find_reactions(names, build_recorded_joints(robot), nothing_stated)
+        reactions = find_reactions(names, joints, nothing_stated)
     except RecordingError as error:
         work.add_question("columns", error.detail)
         return
