@@ -370,6 +370,24 @@ def test_a_torque_that_is_called_measured_goes_before_the_feedback_of_a_controll
     assert (found.questions, found.columns["tau2"]) == ((), "tau_measured2")
 
 
+def test_a_raw_measurement_beside_a_torque_is_asked_about() -> None:
+    given = log("ur10", 3)
+    columns = {"time": given.t}
+    for name, values in {"q": given.q, "tau_actual": given.tau, "tau_measured_raw": np.round(32.0 * given.tau)}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
+    assert any("Several sets" in one.detail for one in guess(ROBOT, columns).questions)
+
+
+def test_a_joint_may_be_called_ee() -> None:
+    given = log("ur10", 4)
+    names = ("base", "shoulder", "elbow", "wrist1", "wrist2", "ee")
+    columns = {"time": given.t}
+    for signal, values in {"position": given.q, "torque": given.tau}.items():
+        columns |= {f"{name}_{signal}": values[:, j] for j, name in enumerate(names)}
+    found = guess(ROBOT, columns)
+    assert (found.columns["q6"], found.columns["tau6"]) == ("ee_position", "ee_torque")
+
+
 @pytest.mark.parametrize("prefix", ["ee_pos", "eef_position"])
 def test_the_place_of_the_end_effector_is_no_position_of_three_joints(prefix: str) -> None:
     robot = arm("ur10")

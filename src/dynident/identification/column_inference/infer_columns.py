@@ -192,7 +192,7 @@ class _ColumnInference(WorkingProposal):
             kind = self._guess_efforts(effort, q, kind)
             motors = [group for group in groups if group.signal == "q" and group.named.motor and group is not position]
             sides = [(self.name_columns(group), self.values[:, list(group.columns)]) for group in (position, *motors)]
-            self.guesses += [*put_right, *describe_gear_ratios(sides)]
+            self.guesses += [*put_right, *describe_gear_ratios(self.robot.joint_names, sides)]
         return self._finish(kind)
 
     def _finish(self, kind: EffortKind) -> Proposal:
