@@ -214,12 +214,12 @@ def _move_to_best_link(
     identification: Identification, finding: Finding, others: Sequence[EffectChoice], inputs: RegressorInputs
 ) -> Finding:
     model, own = identification.model, finding.judged.candidate.choice
-    found = gather_state(model, build_pool_of_choices(model, [*others, own]), inputs, identification.noise)
-    everything = tuple(range(len(found.pool.observation.columns)))
+    with_load = gather_state(model, build_pool_of_choices(model, [*others, own]), inputs, identification.noise)
+    everything = tuple(range(len(with_load.pool.observation.columns)))
     # In units of what is left beside the load where it was found: without it, the residual is not noise.
-    noise = replace(found, base=everything).estimate_noise().noise
-    mine = found.pool.find_candidate(own)
-    beside = replace(found, base=tuple(k for k in everything if mine is None or k not in mine.columns), noise=noise)
+    noise = replace(with_load, base=everything).estimate_noise().noise
+    mine = with_load.pool.find_candidate(own)
+    beside = replace(with_load, base=tuple(k for k in everything if mine is None or k not in mine.columns), noise=noise)
     links = LoadGains.from_state(model, beside, inputs).list_links(own.runs)
     choices = list(dict.fromkeys([*(replace(own, joints=(name,)) for name in links), own]))
     if choices == [own]:
