@@ -18,7 +18,7 @@ from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProdu
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.residuals.resolution_at_reversals import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
-from dynident.diagnosis.search.external_contacts import find_contacts
+from dynident.diagnosis.search.contacts_and_loads import find_contacts
 from dynident.diagnosis.search.finding_refinement import improve_reference
 from dynident.diagnosis.search.forward_selection import search_findings, settle_findings
 from dynident.diagnosis.search.search_state import Finding, State, score_family

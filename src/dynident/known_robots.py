@@ -56,6 +56,11 @@ def _fold_name(name: str) -> str:
     return "".join(letter for letter in name.casefold() if letter.isalnum())
 
 
+def find_library_arm(text: str) -> str | None:
+    """Return the arm of this package that a name means, however it is written ("UR10e", "Franka Panda"), or None."""
+    return next((name for name in list_library_arms() if text and _fold_name(name) == _fold_name(text)), None)
+
+
 def locate_robot(text: str) -> Path | None:
     """Return the file that a text names: a path, or the name of a stock robot; None for an arm of this package.
 
@@ -74,6 +79,8 @@ def locate_robot(text: str) -> Path | None:
         return stock[text]
     if path.suffix or len(path.parts) > 1:
         raise DynidentError(_describe_missing_file(path), pointer="ROBOT", title="Unknown robot")
+    if find_library_arm(text) is not None:
+        return None
     alike = [name for name in stock if _fold_name(name) == _fold_name(text)]
     if len(alike) == 1:
         return stock[alike[0]]

@@ -10,7 +10,7 @@ import pytest
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import FamilywiseLevels
-from dynident.diagnosis.search import candidate_outcomes, external_contacts
+from dynident.diagnosis.search import candidate_outcomes, contacts_and_loads
 from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State
 from dynident.recordings import Preprocessing
 
@@ -38,10 +38,10 @@ def left(monkeypatch):
             asked.append(state.base)
             return (found(CONTACT),) if shows else ()
 
-        monkeypatch.setattr(external_contacts, "find_contacts", find)
+        monkeypatch.setattr(contacts_and_loads, "find_contacts", find)
         columns = (*MODEL, *(k for candidate in findings for k in candidate.columns))
         state = stated(columns, tuple(found(candidate) for candidate in findings))
-        return external_contacts.drop_faded_contacts(state, Preprocessing(10.0, 10.0, 5)), asked
+        return contacts_and_loads.drop_faded_contacts(state, Preprocessing(10.0, 10.0, 5)), asked
 
     return of
 
@@ -73,12 +73,12 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
         tried.append(candidate)
         return SimpleNamespace(candidate=candidate, drop=0.0, t=0.0), 1.0
 
-    monkeypatch.setattr(external_contacts, "_test_contact", try_one)
+    monkeypatch.setattr(contacts_and_loads, "_test_contact", try_one)
     burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))
     data = SimpleNamespace(select_for_candidates=lambda columns, signs: None)
     pool = SimpleNamespace(candidates=(burst, FRICTION))
     state = State(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), np.ones(6))
-    external_contacts.find_contacts(state, Preprocessing(10.0, 10.0, 5))
+    contacts_and_loads.find_contacts(state, Preprocessing(10.0, 10.0, 5))
     assert len(tried) == asked
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.further_hidden_effects import CONTACT, DELAY, FREQUENCY, MORE, PAYLOAD, loaded, loaded_on, touched
@@ -21,7 +23,7 @@ from support.hidden_effects import (
 from dynident.diagnosis import diagnose, evidence
 from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.candidates.held_out_scores import JointBlocks
-from dynident.diagnosis.search.finding_refinement import LoadGains
+from dynident.diagnosis.search.contacts_and_loads import LoadGains
 from dynident.diagnosis.search.search_state import gather_state
 from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, extend, identify
@@ -92,13 +94,35 @@ def test_a_load_is_found_on_any_link_and_on_the_outer_one_where_both_explain_it(
     assert (choice.effect, choice.joints, choice.runs) == ("payload", (NAMES[link],), ("heavy",))
 
 
+def test_a_stated_load_is_found_on_the_link_that_carries_it():
+    runs = [
+        recorded(motion, loaded_on(4, (0.3, 0.0, 0.05), 2.0) if k % 2 == 0 else nothing, k, f"run{k}")
+        for k, motion in enumerate(motions(6) + motions(7))
+    ]
+    runs = [replace(run, payload={"mass": 2.0}) if k % 2 == 0 else run for k, run in enumerate(runs)]
+    plain = identify(ROBOT, runs, [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
+    (choice,) = diagnose(plain, runs).recommended
+    assert (choice.effect, choice.joints, choice.runs) == ("payload", NAMES[4:5], ())
+
+
+@pytest.mark.parametrize("equations", ["energy", "power"])
+def test_a_load_is_found_on_its_link_from_energy_too(equations):
+    first, second = motions(3)
+    bare = recorded(first, nothing, 1, "bare")
+    heavy = recorded(second, loaded_on(4, (0.3, 0.0, 0.05), 2.0), 2, "heavy")
+    choices = IdentificationChoices(WITH_OFFSET, model=equations, preprocessing=BAND)
+    plain = identify(ROBOT, [bare, heavy], [], choices)
+    found = diagnose(plain, [bare, heavy]).recommended
+    assert ("payload", NAMES[4:5], ("heavy",)) in [(choice.effect, choice.joints, choice.runs) for choice in found]
+
+
 def test_what_a_load_explains_is_the_same_with_columns_of_its_own():
     first, second = motions(4)
     bare, heavy = recorded(first, nothing, 3, "bare"), recorded(second, nothing, 4, "heavy")
     plain = identify(ROBOT, [bare, heavy], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
     inputs = RegressorInputs([bare, heavy], BAND, plain.estimate.next_reference())
     state = gather_state(plain.model, build_pool_of_choices(plain.model, ()), inputs, plain.noise)
-    gains = LoadGains.from_state(plain.model, state, [bare, heavy]).compute_gains(("heavy",))
+    gains = LoadGains.from_state(plain.model, state, inputs).compute_gains(("heavy",))
     for name in NAMES:
         pool = build_pool_of_choices(plain.model, [EffectChoice("payload", (name,), (), ("heavy",))])
         grown = gather_state(plain.model, pool, inputs, plain.noise)

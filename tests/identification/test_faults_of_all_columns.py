@@ -629,24 +629,41 @@ def plain_urdf(n: int, seed: int) -> str:
     return "".join(parts) + "</robot>"
 
 
+def measure_with_zero(robot: Robot, drawn: int, joint: int, off: float) -> Recording:
+    motion = fourier_motion(robot, 15.0, 100.0, drawn)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 1.5 * np.sign(motion.dq) + 2.0 * motion.dq
+    tau += 0.3 * np.random.default_rng(drawn).normal(size=tau.shape)
+    return replace(record(robot, replace(motion, q=motion.q + off * (np.arange(6) == joint)), tau), name=f"run{off:g}")
+
+
 @pytest.mark.parametrize("seed", [3, 4])
-def test_a_zero_that_another_recording_speaks_against_is_another_load(seed: int) -> None:
+def test_a_zero_of_the_last_joint_that_another_recording_lacks_may_be_a_load(seed: int) -> None:
     """A load on the other side of the flange looks like another zero of the last joint, in its own recording alone."""
     inertias = ROBOT.inertias.copy()
     inertias[-1] += np.array([0.06, 0, 0, 0.06, 0, 0.01, 0.12, 0.0, 0.2, 2.0])
     robot = replace(ROBOT, inertias=inertias)
-
-    def measure(drawn: int, off: float) -> Recording:
-        motion = fourier_motion(robot, 15.0, 100.0, drawn)
-        tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 1.5 * np.sign(motion.dq) + 2.0 * motion.dq
-        tau += 0.3 * np.random.default_rng(drawn).normal(size=tau.shape)
-        return replace(record(robot, replace(motion, q=motion.q + off * (np.arange(6) == 5)), tau), name=f"run{off:g}")
-
-    plain, turned, turned_too = measure(seed, 0.0), measure(seed + 10, -1.2), measure(seed + 20, -1.2)
+    drawn = enumerate((0.0, -1.2, -1.2))
+    plain, turned, turned_too = (measure_with_zero(robot, seed + 10 * k, 5, off) for k, off in drawn)
     checks = [tuple(findings(recording, robot)) for recording in (plain, turned, turned_too)]
-    as_is = [RecordingMetadata()] * 2
-    (_, (check,)) = refute_zeros(robot, [plain, turned], checks[:2], as_is)
+    as_is = [RecordingMetadata()] * 3
+    (_, (check,)) = refute_zeros(robot, [plain, turned], checks[:2], as_is[:2])
     assert (check.name, check.status, check.apply) == ("other_load", "warning", None)
-    assert "run0 speaks against it" in check.detail
-    assert refute_zeros(robot, [turned, turned_too], checks[1:], as_is) == checks[1:]
+    assert "and run0 does not have it" in check.detail
+    assert refute_zeros(robot, [turned, turned_too], checks[1:], as_is[1:]) == checks[1:]
     assert [check.name for own in checks for check in own] == ["joint_zero", "joint_zero"]
+    (_, (check,), _) = refute_zeros(robot, [plain, turned, turned_too], checks, as_is)
+    assert "and run0 (one of 2 other recordings) does not have it" in check.detail
+
+
+@pytest.mark.parametrize(("joint", "off"), [(1, 0.15), (2, 0.4), (2, -0.3), (3, 0.5)])
+def test_a_zero_of_one_recording_alone_that_no_load_looks_like_keeps_its_cure(joint: int, off: float) -> None:
+    """As where an encoder was homed anew: a load is among the parameters that are fitted, and this zero is not."""
+    recordings = [measure_with_zero(ROBOT, 3, joint, 0.0), measure_with_zero(ROBOT, 4, joint, off)]
+    checks = [tuple(findings(recording)) for recording in recordings]
+    (_, (check,)) = refute_zeros(ROBOT, recordings, checks, [RecordingMetadata()] * 2)
+    ((own,),) = checks[1:]
+    assert (check.name, check.apply, check.remedies) == ("joint_zero", own.apply, own.remedies)
+    assert check.apply.zeros == pytest.approx({f"q{joint + 1}": off}, abs=0.05)
+    assert check.detail.removeprefix(own.detail) == (
+        " By its torques, run0 does not have this zero: correct this recording and not the description."
+    )

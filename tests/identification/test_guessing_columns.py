@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy.signal import lfilter
 from support.drawn_recordings import guess, log
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
@@ -344,7 +344,7 @@ def test_the_rate_that_velocities_say_does_not_depend_on_how_fast_the_motion_is(
 
 def test_velocities_that_a_filter_delays_say_no_rate() -> None:
     q, dq, _ = swing(200.0, 1.0)
-    assert find_rate_by_slopes(np.column_stack([q, signal.lfilter([0.06], [1.0, -0.94], dq, axis=0)])) == 0.0
+    assert find_rate_by_slopes(np.column_stack([q, lfilter([0.06], [1.0, -0.94], dq, axis=0)])) == 0.0
 
 
 def test_a_second_clock_and_a_constant_do_not_hide_the_rate() -> None:
@@ -419,22 +419,6 @@ def test_the_masses_of_a_pendulum_are_not_said_to_be_in_grams(mass: float, lengt
     assert find_description_units(draw_pendulum(mass, length)) is None
 
 
-@pytest.mark.parametrize(("mass", "offset", "pedestal"), [(6.0, 0.05, 0.0), (30.0, 0.15, 0.0), (120.0, 0.0, 0.2)])
-def test_the_masses_of_a_mount_of_two_axes_are_not_said_to_be_in_grams(
-    mass: float, offset: float, pedestal: float
-) -> None:
-    inertia = f'<inertia ixx="{0.01 * mass}" ixy="0" ixz="0" iyy="{0.01 * mass}" iyz="0" izz="{0.01 * mass}"/>'
-    body = f'<inertial><origin xyz="0 0 0.02"/><mass value="{mass / 2}"/>{inertia}</inertial>'
-    mount = robot_from_urdf(
-        "mount",
-        f'<robot name="mount"><link name="base"/><link name="pan">{body}</link><link name="tilt">{body}</link>'
-        f'<joint name="j1" type="continuous"><origin xyz="0 0 {pedestal}"/><axis xyz="0 0 1"/><parent link="base"/>'
-        f'<child link="pan"/></joint><joint name="j2" type="continuous"><origin xyz="0 0 {offset}"/>'
-        '<axis xyz="0 1 0"/><parent link="pan"/><child link="tilt"/></joint></robot>',
-    )
-    assert find_description_units(mount) is None
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_torque_that_is_called_measured_goes_before_the_feedback_of_a_controller(seed: int) -> None:
     given = log("ur10", seed)
@@ -444,6 +428,24 @@ def test_a_torque_that_is_called_measured_goes_before_the_feedback_of_a_controll
         columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
     found = guess(ROBOT, columns)
     assert (found.questions, found.columns["tau2"]) == ((), "tau_measured2")
+
+
+def test_a_raw_measurement_beside_a_torque_is_asked_about() -> None:
+    given = log("ur10", 3)
+    columns = {"time": given.t}
+    for name, values in {"q": given.q, "tau_actual": given.tau, "tau_measured_raw": np.round(32.0 * given.tau)}.items():
+        columns |= {f"{name}{j + 1}": values[:, j] for j in JOINTS}
+    assert any("Several sets" in one.detail for one in guess(ROBOT, columns).questions)
+
+
+def test_a_joint_may_be_called_ee() -> None:
+    given = log("ur10", 4)
+    names = ("base", "shoulder", "elbow", "wrist1", "wrist2", "ee")
+    columns = {"time": given.t}
+    for signal, values in {"position": given.q, "torque": given.tau}.items():
+        columns |= {f"{name}_{signal}": values[:, j] for j, name in enumerate(names)}
+    found = guess(ROBOT, columns)
+    assert (found.columns["q6"], found.columns["tau6"]) == ("ee_position", "ee_torque")
 
 
 @pytest.mark.parametrize("prefix", ["ee_pos", "eef_position"])

@@ -29,7 +29,7 @@ from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits
 from dynident.identification.column_inference.file_inspection import inspect_file
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.column_inference.metadata_proposal import describe_waves
+from dynident.identification.column_inference.metadata_proposal import Proposal, describe_gear_ratios, describe_waves
 from dynident.identification.column_inference.unit_inference import compute_reach, guess_torque_unit
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.description_fit import _fit
@@ -1335,10 +1335,33 @@ def test_positions_of_motors_beside_those_of_joints_tell_the_gear_ratios(seed: i
         ("link_pos", "q"), ("torque", "tau")))  # fmt: skip
     motors = {f"motor_pos_{k + 1}": gear * links[f"link_pos_{k + 1}"] + rng.normal() for k, gear in enumerate(gears)}
     proposal = guess(given.robot, {"t": columns["t"]} | links | motors | torques)
-    (ratios,) = [each for each in proposal.guesses if each.field == "drives"]
-    assert [float(ratio) for ratio in ratios.value.split(", ")] == pytest.approx(gears, rel=1e-3)
+    assert read_ratios(proposal) == pytest.approx(dict(zip(given.robot.joint_names, gears, strict=True)), rel=1e-3)
     assert proposal.columns["q1"] == "link_pos_1"
     # A second encoder of the joints is no motor.
     others = {f"motor_pos_{k + 1}": 1.01 * links[f"link_pos_{k + 1}"] for k in range(6)}
     proposal = guess(given.robot, {"t": columns["t"]} | links | others | torques)
     assert not any(each.field == "drives" for each in proposal.guesses)
+
+
+def read_ratios(proposal: Proposal) -> dict[str, float]:
+    stated = [each.value.split(", ") for each in proposal.guesses if each.field == "drives"]
+    return {name: float(ratio) for name, ratio in (one.split(": ") for own in stated for one in own)}
+
+
+def test_gear_ratios_are_those_of_the_joints_that_tell_them() -> None:
+    rng, names = np.random.default_rng(1), ["base", "shoulder", "elbow"]
+    q, gears = rng.normal(size=(500, 3)).cumsum(axis=0), np.array([101.0, -80.0, 50.5])
+    coupled = q * gears + np.outer(q[:, 0], [0.0, 0.0, 40.0])
+
+    def ratios(links: np.ndarray, motors: np.ndarray) -> list[str]:
+        return [each.value for each in describe_gear_ratios(names, [("q", links), ("motor", motors)])]
+
+    assert ratios(q, q * gears) == ["base: 101, shoulder: -80, elbow: 50.5"]
+    assert ratios(q, coupled) == ["base: 101, shoulder: -80"]
+    # A joint that stands, and one that stands but for noise.
+    for noise in (0.0, 1e-5):
+        still = np.where(np.arange(3) == 0, 0.3 + noise * rng.normal(size=q.shape), q)
+        assert ratios(still, still * gears + 100.0 * noise * rng.normal(size=q.shape)) == ["shoulder: -80, elbow: 50.5"]
+    # Degrees without and with gears, counts, and the joint's own side.
+    for factor in (np.rad2deg(1.0), np.rad2deg([1.0, -3.0, 6.0]), np.rad2deg(gears), 4096.0 * gears, 1.0):
+        assert ratios(q, q * factor) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -122,23 +123,93 @@ def test_mass_friction_and_rotors_are_found_whatever_holds_the_robot(
         assert errors[name].held_out < 0.02
 
 
-@pytest.mark.parametrize("name", ["base_acc_{}", "imu_linear_acceleration_{}"])
-def test_an_accelerometer_stands_for_the_position_of_the_base(robot: Robot, tmp_path: Path, name: str) -> None:
+def replace_position(file: Path, name: str, change: Callable[[FloatArray, FloatArray], FloatArray]) -> None:
+    """Put an accelerometer in place of the base's position: columns by `name`, and a change of force and weight."""
+    motion, rows = draw_motion(int(file.stem[-1])), pacsv.read_csv(file)
+    weight = np.array([pin.Quaternion(q).matrix().T @ [0.0, 0.0, 9.81] for q in motion.q[:, 3:7]])
+    force = change(motion.a[:, :3] + np.cross(motion.v[:, 3:6], motion.v[:, :3]) + weight, weight)
+    for k, axis in enumerate("xyz"):
+        rows = rows.drop_columns(f"base_{axis}").append_column(name.format(axis), [force[:, k]])
+    pacsv.write_csv(rows, file)
+
+
+@pytest.mark.parametrize(
+    ("name", "bias", "unit"),
+    [("base_acc_{}", 0.02, 1.0), ("imu_linear_acceleration_{}", 0.5, 1.0), ("base_acc_{} [g]", 0.2, 9.80665)],
+)
+def test_an_accelerometer_stands_for_the_position_of_the_base(
+    robot: Robot, tmp_path: Path, name: str, bias: float, unit: float
+) -> None:
     rng, files = np.random.default_rng(4), write_runs(tmp_path, "harness", (1, 2))
-    for seed, file in enumerate(files, start=1):
-        motion, rows = draw_motion(seed), pacsv.read_csv(file)
-        linear, omega = motion.v[:, :3], motion.v[:, 3:6]
-        weight = np.array([pin.Quaternion(q).matrix().T @ [0.0, 0.0, 9.81] for q in motion.q[:, 3:7]])
+    for file in files:
         # Noise and bias as of a cheap sensor.
-        force = motion.a[:, :3] + np.cross(omega, linear) + weight + 0.02 + 0.05 * rng.normal(size=weight.shape)
-        for k, axis in enumerate("xyz"):
-            rows = rows.drop_columns(f"base_{axis}").append_column(name.format(axis), [force[:, k]])
-        pacsv.write_csv(rows, file)
+        replace_position(file, name, lambda force, _: (force + bias + 0.05 * rng.normal(size=force.shape)) / unit)
     assert not dy.inspect(files[0], robot).questions
     recordings = dy.read_recordings(*files, robot=robot)
     model = dy.identify(robot, recordings[:1], validation=recordings[1:])
     assert next(row.value for row in model.parameters if row.name == "M6") == pytest.approx(MASS, rel=5e-3)
     assert all(row.held_out < 0.05 for row in model.errors)
+
+
+@pytest.mark.parametrize(
+    ("change", "advice"),
+    [
+        (lambda force, weight: force - weight, "without gravity: record the raw accelerometer, or the position"),
+        (lambda force, _: force / 9.80665, r"in g: write \[g\] behind the names"),
+        (lambda force, _: -force, "record that of the root link along the axes of its frame"),
+    ],
+)
+def test_an_accelerometer_has_to_measure_gravity(
+    robot: Robot, tmp_path: Path, change: Callable[[FloatArray, FloatArray], FloatArray], advice: str
+) -> None:
+    (file,) = write_runs(tmp_path, "harness", (1,))
+    replace_position(file, "imu_acc_{}", change)
+    with pytest.raises(DynidentError, match=advice):
+        dy.read_recordings(file, robot=robot)
+    assert any("9.81 upwards" in question.detail for question in dy.inspect(file, robot).questions)
+
+
+def test_the_place_that_an_accelerometer_drifts_to_says_nothing_of_units(robot: Robot, tmp_path: Path) -> None:
+    (file,) = write_runs(tmp_path, "harness", (1,))
+    replace_position(file, "imu_acc_{}", lambda force, _: force + np.linspace(-7.0, 7.0, len(force))[:, None])
+    (recording,) = dy.read_recordings(file, robot=robot)
+    place = next(recording.recording.source.rows(0, 4000, 4000)).q[:, 2]
+    assert np.abs(np.diff(place)).max() * 200.0 > 20.0
+    assert not [check for check in recording.checks if check.name == "position_unit" and check.status != "ok"]
+
+
+def test_angles_turn_an_accelerometer_as_a_quaternion_does(robot: Robot, tmp_path: Path) -> None:
+    (file,) = write_runs(tmp_path, "harness", (1,))
+    replace_position(file, "imu_acc_{}", lambda force, _: force + 0.1)
+    (by_quaternion,) = dy.read_recordings(file, robot=robot)
+    rows = pacsv.read_csv(file)
+    angles = np.array([pin.rpy.matrixToRpy(pin.Quaternion(q).matrix()) for q in draw_motion(1).q[:, 3:7]])
+    for k, name in enumerate(("base_roll", "base_pitch", "base_yaw")):
+        rows = rows.append_column(name, [np.degrees(angles[:, k])])
+    pacsv.write_csv(rows.drop_columns([f"base_q{axis}" for axis in "xyzw"]), file)
+    units = dict.fromkeys(("base_roll", "base_pitch", "base_yaw"), "deg")
+    (by_angles,) = dy.read_recordings(file, robot=robot, units=units)
+    expected, found = (next(each.recording.source.rows(0, 4000, 4000)).q for each in (by_quaternion, by_angles))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("names", "field"), [(("x1", "x2", "x3"), "effort_kind"), (("a", "b", "c"), "columns/tau")])
+def test_columns_that_may_be_the_torques_are_asked_about_beside_wrenches(
+    robot: Robot, tmp_path: Path, names: tuple[str, ...], field: str
+) -> None:
+    motion = draw_motion(1, 8.0)
+    torque, wrench = compute_motor_torque(motion)
+    log = write_log(tmp_path / "log.csv", motion, torque, {"base": wrench})
+    rows = pacsv.read_csv(log)
+    others = dict(zip(("tau1", "tau2", "tau3"), names, strict=True))
+    pacsv.write_csv(rows.rename_columns([others.get(name, name) for name in rows.column_names]), log)
+    proposal = dy.inspect(log, robot)
+    (question,) = proposal.questions
+    assert question.field == field
+    assert "none" not in proposal.said["columns"].values()
+    # Whoever knows that there is no torque is told how to say so.
+    offered = [remedy.value for remedy in question.remedies]
+    assert offered == ([{"tau1": "none", "tau2": "none", "tau3": "none"}] if field == "columns/tau" else [])
 
 
 def test_the_forces_that_hold_a_robot_without_torques_give_its_mass(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ import dynident as dy
 from dynident.errors import DynidentError
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.recordings import RecordingMetadata
-from dynident.recordings.base_motion import compute_base_angles, find_base_columns
+from dynident.recordings.base_motion import find_base_columns
+from dynident.recordings.conditioning.angle_wrapping import compute_base_angles
 from dynident.robot import Robot
 from dynident.robot.forward_kinematics import project_wrench
 
@@ -52,6 +53,28 @@ def test_numbered_quaternions_are_not_guessed_and_what_is_stated_goes_first() ->
     names = [f"root_quat_{k}" for k in range(4)] + ["base_x", "base_y", "base_z", "mocap_x"]
     found = find_base_columns(names, RecordingMetadata(columns={"base_x": "mocap_x"}))
     assert found == {"base_x": "mocap_x", "base_y": "base_y", "base_z": "base_z"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("left_foot_accelerometer_", "tool_accelerometer_", "wrist_imu_acc_", "imu_wrist_accel_", "shin_base_acc_"),
+        *("gripper_imu_linear_acceleration_", "foot_imu_pos_", "mocap_ball_", "imu_gyroscope_", "arm_body_position_"),
+    ],
+)
+def test_sensors_of_other_parts_are_not_those_of_the_base(tmp_path: Path, name: str) -> None:
+    joints = build_recorded_joints(walker(tmp_path))
+    strange = [name + axis for axis in "xyz"]
+    assert not find_base_columns(strange, RecordingMetadata(), joints)
+    imu = {f"base_acc_{axis}": f"imu_raw.acc[{axis}]" for axis in "xyz"}
+    assert find_base_columns([*strange, *imu.values()], RecordingMetadata(), joints) == imu
+
+
+def test_of_accelerometers_that_are_as_likely_none_is_taken() -> None:
+    first, second, trunk = ([name + axis for axis in "xyz"] for name in ("imu1_imu_acc_", "imu_raw_acc_", "trunk_acc_"))
+    first = [name.replace("imu1_", "imu_1_") for name in first]
+    assert not find_base_columns([*first, *second], RecordingMetadata())
+    assert list(find_base_columns([*first, *second, *trunk], RecordingMetadata()).values()) == trunk
 
 
 def test_angles_are_those_of_the_rotation_and_near_the_pole_there_are_none() -> None:

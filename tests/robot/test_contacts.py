@@ -14,7 +14,7 @@ from support.floating_robots import WALKER, build_model, draw_motion
 import dynident as dy
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.recordings.base_motion import compute_base_angles
+from dynident.recordings.conditioning.angle_wrapping import compute_base_angles
 from dynident.robot import Description, Robot, robot_from_description
 from dynident.robot.contacts import (
     compute_contact_heights,

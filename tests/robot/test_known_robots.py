@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import dynident as dy
 from dynident.errors import DynidentError
 from dynident.known_robots import list_library_arms, list_stock_robots, locate_robot
 from dynident.robot import robot_from_library
@@ -50,6 +51,14 @@ def test_the_beginning_of_a_name_is_enough_where_one_robot_has_it(stock: Path) -
 @pytest.mark.parametrize("written", ["ARM-7", "arm 7", "Arm_7"])
 def test_capitals_hyphens_and_spaces_do_not_count(stock: Path, written: str) -> None:
     assert locate_robot(written) == stock / "arm_description/urdf/arm7.urdf"
+
+
+@pytest.mark.parametrize(("written", "name"), [("UR10e", "ur10e"), ("UR10", "ur10"), ("Franka Panda", "franka_panda")])
+def test_an_arm_of_this_package_is_found_as_its_maker_writes_it(stock: Path, written: str, name: str) -> None:
+    assert locate_robot(written) is None
+    assert dy.load_robot(written).name == name
+    with pytest.raises(DynidentError, match="there is no file"):
+        locate_robot(f"../{written}")
 
 
 def test_of_variants_of_one_robot_the_plain_one_is_meant(stock: Path) -> None:

@@ -1,4 +1,4 @@
-"""The pseudo-inertia against Pinocchio's, and against masses that are summed one by one."""
+"""The pseudo-inertia against Pinocchio's, and against masses summed one by one; units of described masses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.oracles import FROM_PINOCCHIO
 
-from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
+from dynident.robot import robot_from_urdf
+from dynident.robot.pseudo_inertia import (
+    find_description_units,
+    inertial_parameters,
+    pseudo_inertia,
+    smallest_pseudo_inertia,
+)
 
 
 def of_points(points: np.ndarray, masses: np.ndarray) -> np.ndarray:
@@ -63,3 +69,19 @@ def test_bodies_that_cannot_exist_show_below_zero(what, change):
     for index, value in change.items():
         parameters[index] = value
     assert smallest_pseudo_inertia(parameters) < 0, what
+
+
+@pytest.mark.parametrize(("mass", "offset", "pedestal"), [(6.0, 0.05, 0.0), (30.0, 0.15, 0.0), (120.0, 0.0, 0.2)])
+def test_the_masses_of_a_mount_of_two_axes_are_not_said_to_be_in_grams(
+    mass: float, offset: float, pedestal: float
+) -> None:
+    inertia = f'<inertia ixx="{0.01 * mass}" ixy="0" ixz="0" iyy="{0.01 * mass}" iyz="0" izz="{0.01 * mass}"/>'
+    body = f'<inertial><origin xyz="0 0 0.02"/><mass value="{mass / 2}"/>{inertia}</inertial>'
+    mount = robot_from_urdf(
+        "mount",
+        f'<robot name="mount"><link name="base"/><link name="pan">{body}</link><link name="tilt">{body}</link>'
+        f'<joint name="j1" type="continuous"><origin xyz="0 0 {pedestal}"/><axis xyz="0 0 1"/><parent link="base"/>'
+        f'<child link="pan"/></joint><joint name="j2" type="continuous"><origin xyz="0 0 {offset}"/>'
+        '<axis xyz="0 1 0"/><parent link="pan"/><child link="tilt"/></joint></robot>',
+    )
+    assert find_description_units(mount) is None

@@ -10,7 +10,7 @@ from dynident.robot.pinocchio_conversion import to_dynamic_parameters
 
 
 def test_the_library_holds_arms_a_prismatic_joint_and_a_tree():
-    assert library_names() == ("dual_arm", "franka_panda", "scara", "ur10", "ur5")
+    assert library_names() == ("dual_arm", "franka_panda", "scara", "ur10", "ur10e", "ur5")
 
 
 @pytest.mark.parametrize("name", library_names())

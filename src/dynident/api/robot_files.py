@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from dynident.api.argument_checks import check_arguments, check_is_file
 from dynident.errors import DynidentError
-from dynident.known_robots import list_library_arms, locate_robot
+from dynident.known_robots import find_library_arm, list_library_arms, locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
 from dynident.robot.description_and_json import set_base
@@ -280,7 +280,7 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         check_is_file(Path(source), "robot")
     path = locate_robot(str(source))
     if path is None:
-        arm = robot_from_library(str(source))
+        arm = robot_from_library(find_library_arm(str(source)) or str(source))
         return robot_from_description(name or arm.name, arm.description, **stated)
     content = _read_description(path)
     place_of_content = _CONTENT

@@ -46,12 +46,11 @@ from dynident.diagnosis.residuals.resolution_at_reversals import Resolution, com
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals, propose_shapes
 from dynident.diagnosis.search.candidate_outcomes import add_limits, list_outcomes, list_untried, score_beside_findings
 from dynident.diagnosis.search.comparison_of_rivals import name_findings
+from dynident.diagnosis.search.contacts_and_loads import find_contacts, propose_carriers
 from dynident.diagnosis.search.detection_limits import compute_detection_limits
-from dynident.diagnosis.search.external_contacts import find_contacts
 from dynident.diagnosis.search.finding_refinement import (
     RecordedSource,
     predict_with_findings,
-    propose_carriers,
     refine_constants,
     refine_findings,
 )

@@ -18,7 +18,7 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Pool, build_pool_of_choices
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
 from dynident.diagnosis.diagnosis_result import UnknownPattern
-from dynident.diagnosis.search.external_contacts import find_contacts
+from dynident.diagnosis.search.contacts_and_loads import find_contacts
 from dynident.diagnosis.search.search_state import Finding, gather_state
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.errors import DynidentError

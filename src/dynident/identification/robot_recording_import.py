@@ -17,9 +17,11 @@ from dynident.array_types import FloatArray
 from dynident.identification.recording_faults import build_dynamics_checks
 from dynident.identification.recording_faults.column_faults import ColumnFault
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
+from dynident.identification.recording_faults.fault_search import ALIKE
 from dynident.identification.recording_faults.joint_angle_faults import ZERO
 from dynident.identification.recording_faults.rows_for_fault_search import filter_motion
 from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
+from dynident.number_format import format_percent
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import (
     Check,
@@ -163,9 +165,10 @@ def refute_zeros(
     checks: Sequence[tuple[Check, ...]],
     metadata: Sequence[RecordingMetadata],
 ) -> list[tuple[Check, ...]]:
-    """Return the checks of recordings without zeros of joints that another recording of the robot speaks against.
+    """Return the checks of recordings where another recording does not have a zero of a joint that one of them shows.
 
-    A zero is the robot's, and the same in all its recordings; a load that is not stated looks like one in its own.
+    A robot may have been homed anew in between: then the zero is one of that recording alone. Where a fit of all
+    parameters does not fall with it, as of the last joint, a load that is not stated may as well be the cause.
 
     Parameters
     ----------
@@ -197,15 +200,28 @@ def refute_zeros(
         joints = {int(key.removeprefix("q")) - 1: zero for key, zero in check.apply.zeros.items()}
         zeros = {joint: zero - stated.zero("q", joint) for joint, zero in joints.items()}
         fault = ColumnFault("joint zero", tuple(zeros), next(iter(zeros.values())))
-        others = ((other, describe(other)) for other in range(len(recordings)) if other != own)
-        against = [recordings[k].name for k, described in others if described and described.refutes(fault)]
-        if not against:
+        described, others = describe(own), [other for other in range(len(recordings)) if other != own]
+        lacking = (recordings[k].name for k in others if (seen := describe(k)) is not None and seen.refutes(fault))
+        if described is None or (name := next(lacking, None)) is None:
             return check
-        names = ", ".join(robot.joint_names[joint] for joint in zeros)
+        who = name if len(others) == 1 else f"{name} (one of {len(others)} other recordings)"
+        mended = fit.measure_unexplained(fault.mend(described.motion))
+        # The parameters of a load are among those that are fitted: it leaves no more as it is.
+        is_explained = described.now.fine.mean() - mended.fine.mean() < ALIKE
+        if not (is_explained and described.surely_demands(fault)):
+            not_there = (
+                f"By its torques, {who} does not have this zero: correct this recording and not the description."
+            )
+            return replace(check, detail=f"{check.detail} {not_there}")
+        shares = described.compute_shares(fault)
+        assert shares is not None
+        left = [format_percent(share, decimals=0) for share in shares]
+        names = " and ".join(f"{robot.joint_names[joint]} ({zero:.3g} rad)" for joint, zero in joints.items())
         detail = (
-            f"The masses of the description do not explain the torque, and another zero of {names} would; but "
-            f"{', '.join(against)} speaks against it, and a zero is the same in all recordings of a robot. A load "
-            "that was not in all of them is more likely: identify from recordings with the same load."
+            f"The masses of the description leave {left[0]} of an average joint's torque unexplained, and {left[1]} "
+            f"with another zero of {names}; a fit of all parameters leaves as much without it, and {who} does not have "
+            "it. Either a load was not in all recordings: identify from recordings with the same load. Or the joint "
+            "was homed anew in between: state this zero for this recording alone."
         )
         return Check("other_load", "warning", detail, check.column)
 

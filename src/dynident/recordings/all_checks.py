@@ -1,10 +1,12 @@
 """Run all checks of a recording without a robot's dynamics, and decide whether it can be used, or is to be stopped.
 
 Holds when a run is too slow for its design (half the speed), and by how much limits may be exceeded (5 %).
+Reports what acts on a base that moves, and external axes that the robot has no joint for.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -14,11 +16,12 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import Remedy
-from dynident.recordings.columns_to_signals import Layout
-from dynident.recordings.file_source import RawSample
+from dynident.recordings.base_motion import Reaction
+from dynident.recordings.columns_to_signals import Column, Layout
+from dynident.recordings.file_source import FileSource, RawSample
 from dynident.recordings.metadata_revisions import adapt_cures
 from dynident.recordings.position_checks import MOVED, check_motion
-from dynident.recordings.recording import JointLimits, ModelChecks, Recording, Segment
+from dynident.recordings.recording import JointLimits, ModelChecks, RecordedJoints, Recording, Segment
 from dynident.recordings.recording_metadata import Check, RecordingError, RecordingMetadata
 from dynident.recordings.sampling_clock import EDGES
 from dynident.recordings.torque_checks import check_torque
@@ -273,3 +276,81 @@ def _measure_travel(q: FloatArray) -> FloatArray:
     if not len(way):
         return np.zeros(len(moving))
     return np.asarray(np.interp(np.arange(len(moving)), np.arange(1, len(way) + 1) * stride, way))
+
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_EXTERNAL_AXIS = re.compile(r"\b(?:ext(?:ernal)? ?(?:axis|axes|joints?)|ei pos|rail|track|linear (?:unit|axis))\b")
+"""What loggers call an axis that carries a robot, in words of small letters; EIPos is KUKA's."""
+_NUMBERED_AXIS = re.compile(r"(?<![^\W_])E[1-6](?![^\W_])")
+"""What controllers call it beside joints A1, A2, … or J1, J2, …; e1, e2, … are the errors of a controller."""
+_NO_AXIS_POSITION = frozenset(
+    {"torque", "torques", "trq", "tau", "effort", "force", "moment", "load", "current", "cur", "temperature", "temp"}
+    | {"error", "errors", "err", "velocity", "vel", "speed", "acceleration", "acc"}
+)
+_MOVES = 20.0
+"""Steps from row to row that an axis at rest stays within."""
+
+
+def _find_external_axes(names: Sequence[str], layout: Layout) -> list[str]:
+    """Return the columns that are positions of external axes by their names, and that no joint uses."""
+    used = {column.source for column in (*layout.q, *layout.tau)}
+    words = {name: [word.casefold() for word in _WORD.findall(name)] for name in {*names, *used}}
+    is_named = {name: _EXTERNAL_AXIS.search(" ".join(own)) is not None for name, own in words.items()}
+    # Where a joint of the robot is such an axis, further columns of that name are other signals of it.
+    has_axis = any(is_named[column.source] for column in layout.q)
+    axes = []
+    for name in names:
+        if name in used or _NO_AXIS_POSITION & set(words[name]):
+            continue
+        place = _NUMBERED_AXIS.search(name)
+        joint = place and re.compile(re.escape(name[: place.start()]) + r"[AJ]\d")
+        if (is_named[name] and not has_axis) or (joint and any(joint.match(column.source) for column in layout.q)):
+            axes.append(name)
+    return axes
+
+
+def report_external_axes(file: FileSource, layout: Layout) -> tuple[Check, ...]:
+    """Return a warning of the external axes in the file that move, and that the robot has no joint for."""
+    names = _find_external_axes(file.names, layout)
+    if not names:
+        return ()
+    axes = Layout(layout.t, None, tuple(Column(name) for name in names), ())
+    columns = np.concatenate([rows.values for rows in file.rows(axes)]).T
+    travels = {}
+    for name, column in zip(names, columns, strict=True):
+        values = column[np.isfinite(column)]
+        if len(values) > 1 and np.ptp(values) > _MOVES * np.sqrt(np.mean(np.diff(values) ** 2)):
+            travels[name] = f"{name} moves by {np.ptp(values):.4g} {file.units.get(name, 'in its own unit')}"
+    if not travels:
+        return ()
+    detail = (
+        f"{', '.join(travels.values())}, and the description has no such joint. If it carries the robot, its "
+        "acceleration acts on all joints and no effect of the arm explains it: put a sliding joint under the base of "
+        "the description, or record with that axis at rest."
+    )
+    return (Check("joint_columns", "warning", detail, column=next(iter(travels))),)
+
+
+def report_base(joints: RecordedJoints, reactions: Sequence[Reaction]) -> tuple[Check, ...]:
+    """Return what acts on the base by the columns of the file; nothing for a fixed base."""
+    if not joints.n_base:
+        return ()
+    if joints.project_contacts is not None:
+        detail = "The unknown forces of the contacts are eliminated: torques and equations are projected."
+        return (Check("base_forces", "ok", detail),)
+    if not reactions:
+        detail = (
+            "The file has no wrench of the surroundings on a link (columns <link>_fx … <link>_mz): it is read as that "
+            "of a robot that nothing touches."
+        )
+        return (Check("base_forces", "ok", detail),)
+    parts = (f"{reaction.link} ({'world' if reaction.in_world else 'link'} frame)" for reaction in reactions)
+    sentence = f"The surroundings act on {', '.join(parts)}, as measured, and on nothing else."
+    links = [reaction.link for reaction in reactions]
+    twice = sorted({link for link in links if links.count(link) > 1})
+    if twice:
+        sentence += (
+            f" The file has several wrenches on {', '.join(twice)}, and their sum is taken: if they are the same one, "
+            "such as in another frame, leave it out."
+        )
+    return (Check("base_forces", "warning" if twice else "ok", sentence),)

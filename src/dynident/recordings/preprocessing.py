@@ -14,9 +14,8 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.recordings.base_motion import count_base_coordinates
 from dynident.recordings.pose_recordings import has_poses
-from dynident.recordings.recording import Recording
+from dynident.recordings.recording import Recording, count_base_coordinates
 from dynident.recordings.recording_metadata import Filters, RecordingError
 from dynident.recordings.signal_spectra import Spectra, estimate_spectra
 

@@ -379,3 +379,21 @@ def is_inside_windows(t: FloatArray, windows: Windows, tolerance: float = 0.0) -
     for start, end in windows:
         is_inside |= (t >= start - tolerance) & (t <= end + tolerance)
     return is_inside
+
+
+def count_base_coordinates(names: Sequence[str]) -> int:
+    """Return how many of a robot's leading joints are the coordinates of a base that moves, all of them or none.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of its joints, such as gantry axes that somebody called base_x and base_z.
+    """
+    return max((len(base) for base in _COORDINATES if tuple(names[: len(base)]) == base), default=0)
+
+
+_COORDINATES = (
+    ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll"),
+    ("base_x", "base_y", "base_yaw"),
+)
+"""Coordinates of a floating and of a planar base."""

@@ -13,13 +13,12 @@ import numpy as np
 from dynident.array_types import FloatArray, IntArray
 from dynident.errors import Remedy
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings.all_checks import has_only_pauses, run_checks
+from dynident.recordings.all_checks import has_only_pauses, report_base, report_external_axes, run_checks
 from dynident.recordings.base_motion import (
     ReactionSource,
     add_base_pose,
+    exempt_integrals,
     find_reactions,
-    report_base,
-    report_external_axes,
 )
 from dynident.recordings.columns_to_signals import (
     Column,
@@ -220,7 +219,8 @@ def import_recording(
             are_pauses = has_only_pauses(recording, sample)
             times = check_time(base, layout.t.source, are_pauses=are_pauses)
             findings += [*times, *source.checks(layout.t.source), *conditioning.checks()]
-            checks = run_checks(recording, sample, layout, joints.known_limits, tuple(findings), metadata, against)
+            limits = exempt_integrals(joints.known_limits, layout, file)
+            checks = run_checks(recording, sample, layout, limits, tuple(findings), metadata, against)
         else:
             checks = (*findings, *report_poses(poses, base))
         progress(1.0, "stored")

@@ -216,7 +216,7 @@ def measure_reach(robot: Robot) -> float:
     if robot.inertias is None:
         return reach
     # No joint says how long a pendulum is: as long as its centre of mass is far, in m.
-    ends = np.isin(np.arange(robot.n), [joint.parent for joint in robot.joints], invert=True)
+    ends = np.isin(np.arange(len(robot.inertias)), [joint.parent for joint in robot.tree.joints], invert=True)
     links = robot.inertias[ends & (robot.inertias[:, 9] > 0.0)]
     centres = np.linalg.norm(links[:, 6:9], axis=1) / links[:, 9]
     return max(reach, float(centres[centres < _LONGEST_END].sum()))

@@ -7,9 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-
-import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import (
@@ -20,7 +17,6 @@ from dynident.diagnosis.candidates.candidate_pool import (
     is_width_resolved,
     select_columns_on,
 )
-from dynident.diagnosis.candidates.fold_fit import ProductSums
 from dynident.diagnosis.candidates.held_out_scores import JointBlocks
 from dynident.diagnosis.candidates.inner_product_accumulation import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.significance import ScoredCandidate
@@ -29,16 +25,16 @@ from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason, ReasonCode
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution
 from dynident.diagnosis.search.acceptance_rules import compute_explained_error
+from dynident.diagnosis.search.contacts_and_loads import LoadGains
 from dynident.diagnosis.search.physical_plausibility import is_physically_possible
 from dynident.diagnosis.search.pruning import RefinedModel
 from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
-from dynident.effects import EffectChoice, get_effect, get_role
+from dynident.effects import EffectChoice, get_effect
 from dynident.estimation import EstimationError, solve_weighted
 from dynident.estimation.residual_errors import compute_t
 from dynident.identification import Identification
 from dynident.identification.shape_search import are_nearly_alike, refine_shapes
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Recording
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.model_structure import Model, extend_model
 from dynident.regressors.observation_matrix import RegressorInputs
@@ -200,95 +196,6 @@ class RecordedSource:
         return replace(self, inputs=improve_reference(self.model, choices, self.inputs))
 
 
-_CHANCE = 18.3
-"""Squared error, in units of the noise, that the ten parameters of a load take away by chance in 5 % of cases: χ²."""
-
-_SHOWN = 1e-6
-"""Least eigenvalue, of columns of length one, of a combination of a load's parameters that the motion shows."""
-
-
-@dataclass(frozen=True, eq=False)
-class LoadGains:
-    """What loads of some runs, on any link, explain beside a model, on the rows that it is fitted to.
-
-    A load moves with its link: its columns are those of the link's own inertia in its runs, which are combinations of
-    the model's base columns. So products of the base columns by run tell what every load explains.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    sums : ProductSums
-        Products of the columns of the model, and of findings behind them, over all blocks and over those of each run.
-    labels : tuple of str
-        Labels of the runs.
-    """
-
-    model: Model
-    sums: ProductSums
-    labels: tuple[str, ...]
-
-    @classmethod
-    def from_state(cls, model: Model, state: State, recordings: Sequence[Recording]) -> LoadGains:
-        """Sum products by run; without labels where not every run has rows."""
-        blocks, runs = JointBlocks.from_products(state.rows, state.columns, ()), state.rows.number_sets(("runs",))
-        labels = tuple(dict.fromkeys(label for recording in recordings for label in recording.segment_names))
-        return cls(model, blocks.sum_sets(state.noise, runs), labels if len(labels) == len(runs.members) - 1 else ())
-
-    @property
-    def carriers(self) -> tuple[str, ...]:
-        """Names of the joints whose links may carry something."""
-        # The first coordinates of a base that moves carry no link.
-        return self.model.robot.joint_names[self.model.robot.n_massless :]
-
-    def list_links(self, runs: Sequence[str]) -> list[str]:
-        """List the links on which a load of these runs explains most, the outermost first.
-
-        None where runs have no rows, or no load explains more than chance; more than one where the best of them
-        explains no more than chance beyond the others.
-        """
-        gains = self.compute_gains(runs)
-        best = max(gains.values(), default=0.0)
-        # Things are usually attached at the outer end of an arm.
-        return [name for name in reversed(gains) if gains[name] >= best - _CHANCE] if best > _CHANCE else []
-
-    def compute_gains(self, runs: Sequence[str]) -> dict[str, float]:
-        """Return the squared error, in units of the noise, that a load of these runs takes away, by link."""
-        numbers = [1 + self.labels.index(label) for label in runs if label in self.labels]
-        if not numbers or len(numbers) < len(runs):
-            return {}
-        right, square = self._project_runs(numbers)
-        return {name: self._compute_gain(name, right, square) for name in self.carriers}
-
-    def _project_runs(self, numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Return the products (p,), (p, p) of the columns in some runs with Y and each other, less what W explains."""
-        ww, wy = self.sums.ww, self.sums.wy
-        own, torque = ww[numbers].sum(axis=0), wy[numbers].sum(axis=0)
-        explained = own @ self._inverse
-        return torque - explained @ wy[0], own - explained @ own
-
-    @cached_property
-    def _inverse(self) -> FloatArray:
-        """Inverse (p, p) of the products of all columns; columns without rows have none."""
-        products = self.sums.ww[0]
-        size = np.sqrt(np.diag(products))
-        size[size == 0] = 1.0
-        return np.asarray(np.linalg.pinv(products / np.outer(size, size), hermitian=True) / np.outer(size, size))
-
-    def _compute_gain(self, name: str, right: FloatArray, square: FloatArray) -> float:
-        base = self.model.base
-        inertia = [
-            k for k, column in enumerate(self.model.columns) if column.link == name and get_role(column) == "link"
-        ]
-        combination, b = base.grouping[:, inertia], base.count
-        columns, own = combination.T @ square[:b, :b] @ combination, combination.T @ right[:b]
-        length = np.sqrt(np.maximum(np.diag(columns), 0.0))
-        has = length > 0
-        values, vectors = np.linalg.eigh(columns[np.ix_(has, has)] / np.outer(length[has], length[has]))
-        shown = values > _SHOWN
-        return float(((vectors[:, shown].T @ (own[has] / length[has])) ** 2 / values[shown]).sum())
-
-
 def locate_findings(
     identification: Identification, findings: Sequence[Finding], inputs: RegressorInputs
 ) -> tuple[Finding, ...]:
@@ -303,30 +210,22 @@ def locate_findings(
     return tuple(placed_findings)
 
 
-def propose_carriers(
-    identification: Identification, groups: Sequence[tuple[str, ...]], inputs: RegressorInputs
-) -> dict[tuple[str, ...], list[str]]:
-    """List the links on which a load of some runs alone would explain most, by the labels of these runs."""
-    if not groups:
-        return {}
-    model = identification.model
-    state = gather_state(model, build_pool_of_choices(model, ()), inputs, identification.noise)
-    loads = LoadGains.from_state(model, state, inputs.recordings)
-    return {runs: loads.list_links(runs) for runs in groups}
-
-
 def _move_to_best_link(
     identification: Identification, finding: Finding, others: Sequence[EffectChoice], inputs: RegressorInputs
 ) -> Finding:
     model, own = identification.model, finding.judged.candidate.choice
-    plain = gather_state(model, build_pool_of_choices(model, others), inputs, identification.noise)
-    beside = replace(plain, base=tuple(range(len(plain.pool.observation.columns))))
-    links = LoadGains.from_state(model, beside, inputs.recordings).list_links(own.runs)
+    with_load = gather_state(model, build_pool_of_choices(model, [*others, own]), inputs, identification.noise)
+    everything = tuple(range(len(with_load.pool.observation.columns)))
+    # In units of what is left beside the load where it was found: without it, the residual is not noise.
+    noise = replace(with_load, base=everything).estimate_noise().noise
+    mine = with_load.pool.find_candidate(own)
+    beside = replace(with_load, base=tuple(k for k in everything if mine is None or k not in mine.columns), noise=noise)
+    links = LoadGains.from_state(model, beside, inputs).list_links(own.runs)
     choices = list(dict.fromkeys([*(replace(own, joints=(name,)) for name in links), own]))
     if choices == [own]:
         return finding
     pool = build_pool_of_choices(model, [*others, *choices])
-    state = gather_state(model, pool, inputs, identification.noise)
+    state = gather_state(model, pool, inputs, noise)
     find = pool.find_candidate
     columns = [k for choice in others if (other := find(choice)) for k in other.columns]
     state = replace(state, base=(*state.base, *columns))

@@ -18,7 +18,7 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import NEARLY_ALL, Prod
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
-from dynident.diagnosis.search.external_contacts import drop_faded_contacts
+from dynident.diagnosis.search.contacts_and_loads import drop_faded_contacts
 from dynident.diagnosis.search.physical_plausibility import find_impossible_parameter, is_physically_possible
 from dynident.diagnosis.search.search_state import Finding, State, gather_state, score_all
 from dynident.effects import EffectChoice, build_columns, get_effect

@@ -41,9 +41,10 @@ _WORDS: dict[Signal, frozenset[str]] = {
     "segment": _split_words("segment run episode"),
 }
 _OTHER = _split_words(
-    "tcp ee eef cartesian cart force fx fy fz quaternion quat digital analog io state_id safety voltage volt "
+    "tcp cartesian cart force fx fy fz quaternion quat digital analog io state_id safety voltage volt "
     "power payload gripper error err residual bits"
 )
+_END_EFFECTOR, _AXES = _split_words("ee eef"), _split_words("x y z rx ry rz roll pitch yaw w")
 _STATES = _split_words("status mode")  # as the last word; before a signal they are the message's
 _WAVES = {"cos": "sin", "sin": "cos", "cosine": "sine", "sine": "cosine"}
 """Words that say that a column is the sine or the cosine of an angle, where the other of the two is there, too."""
@@ -281,13 +282,11 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     bracket = _BRACKET.search(name)
     inner = bracket.group(1) if bracket else ""
     stated = _UNITS.get(_normalise_unit(unit or inner))
-    # A number in brackets is an index; anything else is a unit, even if it is not a known one.
-    # Labels of a series, {joint="elbow"}, belong to the name.
+    # A number in brackets is an index, {joint="elbow"} part of the name; anything else is a unit, a known one or not.
     is_named = bracket is None or ((stated is None or bool(unit)) and (inner.isdigit() or "=" in inner))
     text = name if bracket is None or is_named else name[: bracket.start()]
     # The number of the joint may stand behind the unit: torque_cNm_1.
-    number = _NUMBER_BEHIND.search(text)
-    behind = number.group() if number is not None else ""
+    behind = number.group() if (number := _NUMBER_BEHIND.search(text)) else ""
     ending = _ENDING.search(text) or _ENDING.search(text.removesuffix(behind))
     if stated is None and ending is not None:
         stated = _UNITS[_normalise_unit(ending.group(1))]
@@ -307,6 +306,9 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     plain = [word for word in (*words[:place], *words[place + length :]) if not word.isdigit()]
     is_letter = bool(plain) and length == 1 == len(words[place])
     signal = _classify_signal(plain) or (None if is_letter else _classify_signal(everything))
+    # A joint may be called so, too; the end effector's place is counted, or along axes.
+    if _END_EFFECTOR & set(words) and any(word.isdigit() or word in _AXES for word in words):
+        signal = "other"
     return ColumnName(
         name,
         signal,
@@ -409,8 +411,7 @@ def _classify_signal(plain: list[str]) -> Signal | None:
         return "other"
     kind: Signal | None = None
     for word in plain:
-        if word in _STATES:
-            kind = "other"
+        kind = "other" if word in _STATES else kind
         for signal, known in _WORDS.items():
             if word not in known or (word == "i" and len(plain) > 2):
                 continue

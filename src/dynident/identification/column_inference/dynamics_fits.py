@@ -18,6 +18,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError, Remedy
 from dynident.identification.column_inference.metadata_proposal import Guess, Question
+from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
@@ -41,6 +42,9 @@ BORNE_OUT = 0.1
 
 FEWEST_ROWS = 200
 """Rows below which a motion is too short to be filtered and fitted."""
+
+FEWEST_POSES = 10
+"""Poses below which gravity is not fitted: a six-axis arm has ten parameters of gravity, and six torques a pose."""
 
 
 class DynamicsFits:
@@ -160,6 +164,24 @@ class DynamicsFits:
     @cached_property
     def _fit(self) -> HeldOutFit:
         return HeldOutFit(self.robot)
+
+
+class NoFits(DynamicsFits):
+    """In place of fits of a robot whose base moves: the joints alone do not tell what their torques have to be."""
+
+    def read_signals(self, q: FloatArray, tau: FloatArray) -> None:
+        """Return None: there is no motion that can be fitted."""
+
+
+class PoseFits(NoFits):
+    """Fits of a robot to poses at which it stands, a row each."""
+
+    def measure_with_factors(self, q: FloatArray, tau: FloatArray, factors: FloatArray) -> float | None:
+        """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
+        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        if good.sum() < FEWEST_POSES:
+            return None
+        return measure_unexplained_at_rest(self.robot, q[good] * factors, tau[good])
 
 
 @dataclass(frozen=True, eq=False)

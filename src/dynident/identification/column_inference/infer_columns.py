@@ -45,8 +45,6 @@ from dynident.identification.column_inference.metadata_proposal import (
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.identification.column_inference.time_and_pose_columns import (
     TOGETHER,
-    NoFits,
-    PoseFits,
     add_base_columns,
     are_columns_poses,
     ask_about_file,
@@ -152,7 +150,8 @@ class _ColumnInference(WorkingProposal):
         self.t = self.t[good]
         labels = None if segment is None else segment[good]
         # From here on every guess can be tested: right columns let the dynamics explain more of the torque.
-        kind_of_fits = PoseFits if self.of_poses else dynamics_fits.DynamicsFits if self.moving_base is None else NoFits
+        kind_of_fits = dynamics_fits.DynamicsFits if self.moving_base is None else dynamics_fits.NoFits
+        kind_of_fits = dynamics_fits.PoseFits if self.of_poses else kind_of_fits
         self.fits = kind_of_fits(self.robot, self.t, labels)
         others = [name for index, name in enumerate(self.column_names) if index != clock.column]
         places = [index for index in range(len(self.column_names)) if index != clock.column]
@@ -193,7 +192,7 @@ class _ColumnInference(WorkingProposal):
             kind = self._guess_efforts(effort, q, kind)
             motors = [group for group in groups if group.signal == "q" and group.named.motor and group is not position]
             sides = [(self.name_columns(group), self.values[:, list(group.columns)]) for group in (position, *motors)]
-            self.guesses += [*put_right, *describe_gear_ratios(sides)]
+            self.guesses += [*put_right, *describe_gear_ratios(self.robot.joint_names, sides)]
         return self._finish(kind)
 
     def _finish(self, kind: EffortKind) -> Proposal:

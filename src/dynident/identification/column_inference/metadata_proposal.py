@@ -250,28 +250,39 @@ def report_silent_torques(name: str, columns: Sequence[str]) -> Guess:
     return Guess("columns/tau", name, 0.5, reason, remedies)
 
 
-_FOLLOWS, _SAME_TURN = 0.999, 1.5
-"""Squared correlation of a motor's position with its joint's, which an elastic gear leaves; and the ratio of both below
-which they are positions of the same side."""
+_FOLLOWS, _SAME_TURN, _MOST_TURNS = 0.999, 1.5, 500.0
+"""Squared correlation of a motor's position with its joint's, which an elastic gear leaves; the ratio of both below
+which they are positions of the same side; and the one above which a motor's are counts, or in another unit."""
+
+_SAME_UNIT = 2e-3
+"""Share by which a ratio may be off a multiple of the degrees in a radian."""
 
 
-def describe_gear_ratios(sides: Sequence[tuple[str, FloatArray]]) -> list[Guess]:
+def describe_gear_ratios(names: Sequence[str], sides: Sequence[tuple[str, FloatArray]]) -> list[Guess]:
     """Propose gear ratios where positions of motors are recorded beside those of the joints: one is a multiple.
+
+    Only of joints that move, and whose motor follows them alone: one of a coupled wrist follows two.
 
     Parameters
     ----------
+    names : sequence of str
+        Those of the n joints.
     sides : sequence of str and (m, n)
         What the user calls columns together, and their values: of the joints, and then of motors.
     """
     guesses = []
     (joints, links), *others = sides
-    moving = np.ptp(links, axis=0) > 0.0
     for name, motors in others:
-        both = [values[:, moving] - values[:, moving].mean(axis=0) for values in (links, motors)]
+        both = [values - values.mean(axis=0) for values in (links, motors)]
         squares, product = [(values**2).sum(axis=0) for values in both], (both[0] * both[1]).sum(axis=0)
-        ratios = product / squares[0]
-        follows = product**2 >= _FOLLOWS * squares[0] * squares[1]
-        if len(ratios) and follows.all() and np.abs(ratios).min() > _SAME_TURN:
-            reason = f"{name} are so many times {joints}; of positions in one unit these are the gear ratios"
-            guesses.append(Guess("drives", ", ".join(f"{ratio:.4g}" for ratio in ratios), 0.8, reason))
+        follows = (np.ptp(links, axis=0) > 0.0) & (product**2 >= _FOLLOWS * squares[0] * squares[1])
+        ratios = np.divide(product, squares[0], out=np.zeros(len(names)), where=follows)
+        geared = np.flatnonzero(np.abs(ratios) > _SAME_TURN).tolist()
+        degrees = np.abs(np.deg2rad(ratios[geared]))
+        is_in_degrees = (np.abs(degrees - np.maximum(np.rint(degrees), 1.0)) <= _SAME_UNIT * degrees).all()
+        if is_in_degrees or np.abs(ratios).max() > _MOST_TURNS:
+            continue
+        reason = f"{name} are so many times {joints}; of positions in one unit these are the gear ratios"
+        value = ", ".join(f"{names[joint]}: {ratios[joint]:.4g}" for joint in geared)
+        guesses.append(Guess("drives", value, 0.8, reason))
     return guesses

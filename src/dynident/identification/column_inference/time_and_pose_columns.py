@@ -17,14 +17,14 @@ from dynident.identification.column_inference.column_statistics import (
     CLOCK_FACTORS,
     Clock,
     ask_for_rate_of_bursts,
+    find_changing_columns,
     find_clock_columns,
     is_counter,
     read_clock,
 )
-from dynident.identification.column_inference.dynamics_fits import FEWEST_ROWS, DynamicsFits
+from dynident.identification.column_inference.dynamics_fits import FEWEST_ROWS, DynamicsFits, PoseFits
 from dynident.identification.column_inference.metadata_proposal import Question
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
-from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.robot_recording_import import build_recorded_joints
 from dynident.number_format import format_percent
 from dynident.recordings.base_motion import QUATERNION, find_base_columns, find_reactions
@@ -44,28 +44,7 @@ _EXPLAINED = 0.5
 _MOST_COLUMNS = 200
 """Columns beyond which, if the rows are fewer, each row is a signal: twelve joints of a dozen signals have 150."""
 
-FEWEST_POSES = 10
-"""Poses below which gravity is not fitted: a six-axis arm has ten parameters of gravity, and six torques a pose."""
-
 TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
-
-
-class NoFits(DynamicsFits):
-    """In place of fits of a robot whose base moves: the joints alone do not tell what their torques have to be."""
-
-    def read_signals(self, q: FloatArray, tau: FloatArray) -> None:
-        """Return None: there is no motion that can be fitted."""
-
-
-class PoseFits(NoFits):
-    """Fits of a robot to poses at which it stands, a row each."""
-
-    def measure_with_factors(self, q: FloatArray, tau: FloatArray, factors: FloatArray) -> float | None:
-        """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
-        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-        if good.sum() < FEWEST_POSES:
-            return None
-        return measure_unexplained_at_rest(self.robot, q[good] * factors, tau[good])
 
 
 def guess_clock(work: WorkingProposal) -> Clock | None:
@@ -465,7 +444,8 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
     names, nothing_stated = work.sample.names, RecordingMetadata()
     # Nothing was compared with the dynamics, however long the recording is.
     work.guesses = [guess for guess in work.guesses if guess.field != "check"]
-    pose = find_base_columns(names, nothing_stated)
+    joints = build_recorded_joints(robot)
+    pose = find_base_columns(names, nothing_stated, joints)
     angles = [name for name in ("base_yaw", "base_pitch", "base_roll") if name in robot.joint_names[: robot.n_base]]
     if pose:
         work.columns |= {ours: source for ours, source in pose.items() if ours != source}
@@ -478,7 +458,7 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
         )
         work.add_question("columns/base_qx", detail, names)
     try:
-        reactions = find_reactions(names, build_recorded_joints(robot), nothing_stated)
+        reactions = find_reactions(names, joints, nothing_stated)
     except RecordingError as error:
         work.add_question("columns", error.detail)
         return
@@ -492,8 +472,20 @@ def add_base_columns(work: WorkingProposal, robot: Robot) -> None:
         reason = "no columns are <link>_fx … <link>_mz: the file is read as that of a robot that nothing touches; name "
         reason += f"feet on the ground by {remedies[0]}"
     work.add_guess("columns/wrenches", links, 0.9, reason, remedies)
-    if reactions and not any(name.signal in ("tau", "current", "effort") for name in work.column_names):
-        # A person or a position-controlled robot on force plates: the joints' own equations are left out.
+    if not reactions or any(ours.startswith(("tau", "current")) for ours in work.columns):
+        return
+    # A person or a position-controlled robot on force plates: the joints' own equations are left out.
+    not_recorded = {f"tau{k + 1}": NOT_RECORDED for k in range(work.robot.n)}
+    used = {*work.columns.values(), *pose.values(), *(c.source for reaction in reactions for c in reaction.columns)}
+    moving = zip(work.column_names, find_changing_columns(work.sample.values), strict=True)
+    others = [name for name, moves in moving if moves and name.name not in used]
+    if sum(name.signal in (None, "tau", "current", "effort") for name in others) < work.robot.n:
         work.questions = [question for question in work.questions if question.field != "columns/tau"]
-        work.columns |= {f"tau{k + 1}": NOT_RECORDED for k in range(work.robot.n)}
+        work.columns |= not_recorded
         work.add_guess("columns/tau", NOT_RECORDED, 0.9, "the forces on links suffice for the base's equations")
+        return
+    remedy = Remedy("columns", not_recorded)
+    for k, question in enumerate(work.questions):
+        if question.field == "columns/tau":
+            detail = f"{question.detail} If no torque was recorded, state {remedy}."
+            work.questions[k] = replace(question, detail=detail, remedies=(*question.remedies, remedy))

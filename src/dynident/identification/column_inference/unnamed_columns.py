@@ -349,7 +349,7 @@ def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
 
 
 def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
-    """Return the only group whose name says measured, or that has no word that the others lack: torque, torque_raw.
+    """Return the group whose name has no word but measured that the others lack: torque of torque, torque_raw.
 
     Parameters
     ----------
@@ -357,12 +357,11 @@ def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
         Groups of one signal and rank, at least one.
     """
     words = [{word for word in group.named.words if not word.isdigit()} for group in groups]
-    measured = [group for group, own in zip(groups, words, strict=True) if "measured" in own]
-    if len(measured) == 1:
-        return measured[0]
-    shortest = min(range(len(groups)), key=lambda place: len(words[place]))
+    shortest = min(
+        range(len(groups)), key=lambda place: (len(words[place] - {"measured"}), "measured" not in words[place])
+    )
     others = (other for place, other in enumerate(words) if place != shortest)
-    return groups[shortest] if all(words[shortest] < other for other in others) else None
+    return groups[shortest] if all(words[shortest] - {"measured"} < other for other in others) else None
 
 
 def group_other_names(

@@ -1,4 +1,4 @@
-"""Unwrap angles that jump by half or whole turns."""
+"""Unwrap angles that jump by half or whole turns; angles, rotations and quaternions of a frame."""
 
 from __future__ import annotations
 
@@ -167,3 +167,67 @@ class WrappedAngles:
         # A logged velocity that no joint has is corrupted, and says nothing.
         speed = np.where(np.abs(speed) < self._signals.fastest[column], speed, 0.0)
         return np.asarray(0.5 * (speed[1:] + speed[:-1]) * np.diff(window.t[rows]))
+
+
+STEEPEST = 75.0 * pi / 180.0
+"""Pitch of the base (rad) from which on rows are left out: the rates of yaw and roll are four times the angular
+velocity there, and so is their noise."""
+
+
+def compute_rotation(quaternion: FloatArray) -> FloatArray:
+    """Return the rotations (m, 3, 3) of quaternions (m, 4: x, y, z, w) of any length."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y, z, w = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def compute_quaternion(yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
+    """Return the quaternions (m, 4: x, y, z, w) of R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    (cy, cp, cr), (sy, sp, sr) = (f(0.5 * np.array([yaw, pitch, roll])) for f in (np.cos, np.sin))
+    x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    return np.column_stack([x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy])
+
+
+def compute_base_angles(quaternion: FloatArray) -> FloatArray:
+    """Return the angles of a frame.
+
+    Parameters
+    ----------
+    quaternion : (m, 4)
+        Its orientation, x, y, z, w; of any length.
+
+    Returns
+    -------
+    (m, 3)
+        Yaw, pitch and roll in rad, R = Rz(yaw) Ry(pitch) Rx(roll); NaN where the quaternion is zero or no number, and
+        where the pitch is beyond `STEEPEST`.
+    """
+    x, y, z, w = quaternion.T
+    square = x * x + y * y + z * z + w * w
+    with np.errstate(invalid="ignore", divide="ignore"):
+        pitch = np.arcsin(np.clip(2.0 * (w * y - z * x) / square, -1.0, 1.0))
+        yaw = np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+        roll = np.arctan2(2.0 * (w * x + y * z), w * w - x * x - y * y + z * z)
+        angles = np.column_stack([yaw, pitch, roll])
+        # Logs of a state estimator begin with zeros until it runs.
+        angles[~(square > 0) | ~(np.abs(pitch) <= STEEPEST)] = np.nan
+    return angles
+
+
+def unwrap_on(angles: FloatArray, last: FloatArray) -> FloatArray:
+    """Return angles (m, k) without jumps of a turn, going on from `last` (k,), which becomes the last angle."""
+    out = angles.copy()
+    for k in range(angles.shape[1]):
+        finite = np.flatnonzero(np.isfinite(angles[:, k]))
+        if not len(finite):
+            continue
+        values = angles[finite, k]
+        before = values[:1] if np.isnan(last[k]) else last[k : k + 1]
+        out[finite, k] = np.unwrap(np.concatenate([before, values]))[1:]
+        last[k] = out[finite[-1], k]
+    return out
