@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from service_helpers import wait_for
 from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.storage.database import Database, migrate
@@ -31,6 +32,8 @@ def test_names_tags_and_archive_are_changed_apart(client: TestClient, robot: dic
         tagged = client.patch(f"/v1/{path}", json={"tags": ["lab 2", "cold", "cold"]}).json()
         assert (tagged["name"], tagged["tags"]) == ("arm of Monday", ["lab 2", "cold"])
         assert client.patch(f"/v1/{path}", json={"tags": []}).json()["tags"] == []
+        # A job that ends in between would make a difference of its own.
+        wait_for(lambda path=path: client.get(f"/v1/{path}").json().get("status") not in ("queued", "running"))
         unchanged = client.patch(f"/v1/{path}", json={}).json()
         assert unchanged == client.get(f"/v1/{path}").json()
         assert unchanged["request"] == before["request"]
