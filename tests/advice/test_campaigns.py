@@ -175,7 +175,8 @@ def test_a_promise_counts_the_whole_motion_but_what_filters_take_from_its_ends()
     )
     waited = predict_errors(state.identification, rows, longer, last)
     assert waited.sum() < promised.sum()
-    # Rows beside the longer halts are left out, and the quantiles of the errors are those of a thousand draws.
+    # Rows beside the longer halts are left out, the quantiles of the errors are those of a thousand draws, and filters
+    # spread over more of a short move from home.
     assert (waited < 1.1 * promised).all()
     assert (waited > 0.4 * promised).all()
 
@@ -456,6 +457,7 @@ def test_the_region_of_recordings_holds_their_states():
     region = collect_region(state.recordings)
     assert isinstance(region, Region)
     assert 200 < len(region.q) <= 400
+    # Runs are at 0.3 of the limits; measured velocities go a little beyond.
     assert (np.abs(region.dq).max(axis=0) <= 0.32 * np.array([joint.limits.velocity for joint in ARM.joints])).all()
     assert region.q.shape == region.ddq.shape == (len(region.q), ARM.n)
 

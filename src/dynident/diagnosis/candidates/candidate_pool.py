@@ -407,7 +407,7 @@ def explain_absence(effect: Effect, joint: str, model: Model, leads: ShapePropos
     return "its torque is zero, equals that of another candidate, or is not resolved by the filtered position"
 
 
-_OTHER_LINK = "on another link, a load of some runs explains more of the residual"
+_OTHER_LINK = "a load of some runs is tried on the last link, and on those links where it would explain most"
 
 
 def _is_in_model(effect: Effect, model: Model, joint: str) -> bool:

@@ -1,6 +1,7 @@
-"""Find contacts, intervals far above the rest whose residual a force on one link explains; and links of loads of runs.
+"""Find contacts, intervals whose residual a force on one link explains; and the links that loads of some runs are on.
 
-Holds how long a contact has to last, and how much of the residual the force must explain (70 %).
+Holds how long a contact has to last, how much of the residual the force must explain (70 %), and what a load explains
+by chance.
 
 A contact cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench
 explain the residual of all joints at all times of the interval, as noise or a missing function of the motion would not.
@@ -170,7 +171,17 @@ class LoadGains:
 
     @classmethod
     def from_state(cls, model: Model, state: State, inputs: RegressorInputs) -> LoadGains:
-        """Sum products by run; without labels where not every run has rows."""
+        """Sum products by run beside a state's columns, in units of its noise.
+
+        Parameters
+        ----------
+        model : Model
+            The model, whose base columns stand first in the state.
+        state : State
+            The model and findings beside which the loads are.
+        inputs : RegressorInputs
+            Recordings and filters that the products are of.
+        """
         blocks, runs = JointBlocks.from_products(state.rows, state.columns, ()), state.rows.number_sets(("runs",))
         sums = blocks.sum_sets(state.noise, runs)
         if blocks.known is not None:
