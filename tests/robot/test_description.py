@@ -40,10 +40,18 @@ BAD = {
     "limits of an unknown joint": (
         {"limits": {"knee": Limits()}},
         "/limits/knee",
-        "no joint 'knee'; joints: turn, lift",
+        "no joint 'knee'. The joints are: turn, lift",
     ),
-    "drive of an unknown joint": ({"drives": {"knee": Drive()}}, "/drives/knee", "no joint 'knee'; joints: turn, lift"),
-    "unknown joint locked": ({"locked_joints": {"knee": 0.0}}, "/locked_joints/knee", "no joint 'knee'; joints: turn"),
+    "drive of an unknown joint": (
+        {"drives": {"knee": Drive()}},
+        "/drives/knee",
+        "no joint 'knee'. The joints are: turn, lift",
+    ),
+    "unknown joint locked": (
+        {"locked_joints": {"knee": 0.0}},
+        "/locked_joints/knee",
+        "no joint 'knee'. The joints are: turn",
+    ),
     "fixed joint locked": ({"locked_joints": {"mount": 0.0}}, "/locked_joints/mount", "'mount' is fixed in the desc"),
     "locked nowhere": (
         {"locked_joints": {"lift": math.nan}},

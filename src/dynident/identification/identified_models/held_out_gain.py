@@ -266,10 +266,14 @@ class BestStep:
         Number of the best step, from the first model of the ladder on.
     rises : tuple of int
         Steps above the best one whose held-out error is larger than the best one's.
+    equal : tuple of int
+        Other steps whose held-out error is the same up to what nobody would notice: the best one is then the simplest,
+        or the one whose addition held-out data confirm elsewhere.
     """
 
     best: int
     rises: tuple[int, ...]
+    equal: tuple[int, ...] = ()
 
 
 def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> BestStep | None:
@@ -295,7 +299,9 @@ def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> B
         # What lowers the error by less than anybody would notice, and is not confirmed, is no better.
         if total * SAME_ERROR < totals[best] or (k > 0 and preferred[k] and total <= SAME_ERROR * totals[best]):
             best = k
-    return BestStep(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
+    rises = tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best])
+    low, high = totals[best] / SAME_ERROR, totals[best] * SAME_ERROR
+    return BestStep(best, rises, tuple(k for k, total in enumerate(totals) if k != best and low <= total <= high))
 
 
 def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:
