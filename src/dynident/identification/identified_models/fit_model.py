@@ -36,7 +36,7 @@ from dynident.identification.thresholds import (
     LOAD_AND_GAINS,
     OVERFIT,
 )
-from dynident.number_format import format_percent
+from dynident.number_format import format_number, format_percent
 from dynident.parallel import defer
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
@@ -306,7 +306,7 @@ def _warn_of_friction_signs(identification: Identification) -> list[str]:
     if not has_plain_friction(identification.model):
         return []
     return [
-        f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
+        f"{parameter.name} on {parameter.link} is negative ({format_number(parameter.value)} {parameter.unit}): check the sign of "
         "its torque and the order of the torque columns."
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
         if get_role(column) in FRICTION_ROLES
