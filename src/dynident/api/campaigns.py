@@ -255,7 +255,8 @@ class Campaign(Framed):
 
     def __repr__(self) -> str:
         table = self._build_table()
-        head = f"Campaign({self._state.robot.name}, {format_count(len(self._state.runs), 'run')}): {self.decision.sentence}"
+        runs = format_count(len(self._state.runs), "run")
+        head = f"Campaign({self._state.robot.name}, {runs}): {self.decision.sentence}"
         return table.to_text(head) if self._state.runs else head
 
     def _repr_html_(self) -> str:

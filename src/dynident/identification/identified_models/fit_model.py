@@ -306,8 +306,8 @@ def _warn_of_friction_signs(identification: Identification) -> list[str]:
     if not has_plain_friction(identification.model):
         return []
     return [
-        f"{parameter.name} on {parameter.link} is negative ({format_number(parameter.value)} {parameter.unit}): check the sign of "
-        "its torque and the order of the torque columns."
+        f"{parameter.name} on {parameter.link} is negative ({format_number(parameter.value)} {parameter.unit}): check "
+        "the sign of its torque and the order of the torque columns."
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
         if get_role(column) in FRICTION_ROLES
         and not column.runs
