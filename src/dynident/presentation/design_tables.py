@@ -133,9 +133,9 @@ def build_limits_table(robot: Robot, margins: Sequence[Margin], most: int | None
 
 
 def _get_limit_unit(robot: Robot, margin: Margin) -> str:
-    if margin.limit in ("clearance", "tool_min", "tool_max"):
+    if margin.limit in ("clearance", "tool_min", "tool_max", "balance"):
         return "m"
-    if margin.limit in ("condition", "power"):
+    if margin.limit in ("condition", "power", "friction"):
         return "W" if margin.limit == "power" else ""
     described = robot.tree.joints[robot.tree.joint_names.index(margin.joint)]
     if margin.limit == "torque":

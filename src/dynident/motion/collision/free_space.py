@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.motion.collision.constraint_slack import Constraints, JoinedConstraints, LoopConstraints
+from dynident.motion.collision.constraint_slack import Balance, Constraints, JoinedConstraints, LoopConstraints
 from dynident.motion.collision.exact_distances import (
     ContactCheck,
     SolidPair,
@@ -82,6 +82,8 @@ class FreeSpace:
         Limits of joints that are not driven.
     assumed : bool
         Whether all that is around the robot is an assumed floor.
+    balance : Balance, optional
+        Balance of a robot on its feet.
     """
 
     robot: Robot
@@ -91,11 +93,12 @@ class FreeSpace:
     notes: tuple[str, ...]
     loops: LoopConstraints | None = None
     assumed: bool = False
+    balance: Balance | None = None
 
     @cached_property
     def constraints(self) -> Constraints | None:
         """All constraints of the optimiser; None where there are none."""
-        parts = tuple(part for part in (self.clearances, self.loops) if part is not None and part.count)
+        parts = tuple(part for part in (self.clearances, self.loops, self.balance) if part is not None and part.count)
         return JoinedConstraints(parts) if parts else None
 
     @property
@@ -113,6 +116,9 @@ class FreeSpace:
         followed = None if self.loops is None else self.loops.find_complaint(q)
         if followed is not None:
             return followed
+        falling = None if self.balance is None else self.balance.find_complaint(q)
+        if falling is not None:
+            return falling
         if self.tool is not None:
             at = self.locate_tool(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
@@ -130,6 +136,8 @@ class FreeSpace:
         """Return what leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
         if self.contacts is None and self.loops is not None:
             return "joints that follow others are at their limits, or the loops near a singular posture."
+        if self.balance is not None and self.balance.find_least(q[None])[0] < 0:
+            return "the robot hardly balances."
         if self.contacts is None:
             return "the tool is at an end of its range."
         nearest = min(self.contacts.find_approaches(q[None]), key=lambda approach: approach.slack)
@@ -140,6 +148,8 @@ class FreeSpace:
         blocked = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.find_broken(q)
         if self.contacts is not None:
             blocked |= self.contacts.find_too_near(q)
+        if self.balance is not None:
+            blocked |= self.balance.find_broken(q)
         if self.tool is not None:
             at = self.locate_tool(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
@@ -151,7 +161,8 @@ class FreeSpace:
     def compute_least_slack(self, q: FloatArray) -> FloatArray:
         """Return the smallest distance beyond the clearance (m) at postures q (m, n), by enclosing capsules: (m,).
 
-        Where that is less, it is the distance of follower joints from their limits, or of loops from singular postures.
+        Where that is less, it is the distance of follower joints from their limits, of loops from singular postures,
+        or of the centre of pressure of a standing robot from the edge of its support.
         """
         return np.full(len(q), np.inf) if self.constraints is None else self.constraints.find_least(q)
 
