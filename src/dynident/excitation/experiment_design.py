@@ -35,17 +35,15 @@ from dynident.excitation.experiments.single_joint_motions import (
     plan_strokes,
 )
 from dynident.excitation.optimisation.design_problem import Budget, count_period_samples
-from dynident.excitation.standing_feet import StandingBalance, build_standing_balance
+from dynident.excitation.standing_feet import stand_on_feet
 from dynident.motion.collision.obstacle_geometry import ASSUMED_HEIGHT, check_surroundings, note_reach
 from dynident.motion.collision_free_paths import check_home, list_home_candidates
 from dynident.motion.joint_trajectories import MOST_SAMPLES, Motion, PeriodicMotion, concatenate_motions, sample_pieces
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds, lock_bounds, select_moving_joints
-from dynident.motion.limits.postures_within_limits import compute_static_torque, list_usual_homes
+from dynident.motion.limits.postures_within_limits import compute_static_torque
 from dynident.parallel import single_threaded
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, make_monotonic
 from dynident.recordings import Recording
-from dynident.robot.description_and_json import set_base
-from dynident.robot.json_fields import join_names
 from dynident.robot.robot_model import Robot
 
 _SAMPLES_PER_WAVE = 4
@@ -192,9 +190,7 @@ def design_experiment(
     budget = Budget(request.starts_or_default, request.time_budget)
     progress = make_monotonic(progress)
     check_request(request)
-    balance = None
-    if request.standing.feet:
-        robot, request, balance = _stand_on_feet(robot, request)
+    robot, request, balance = stand_on_feet(robot, request)
     has_loads = any(choice.runs for choice in request.effects_or_default)
     expected = None if identified is None else ExpectedTorque(robot, identified, has_loads)
     limits = build_bounds(
@@ -259,33 +255,6 @@ def design_experiment(
         runs=experiment.runs,
         floor=ASSUMED_HEIGHT if floor_assumed else request.surroundings.floor,
     )
-
-
-def _stand_on_feet(robot: Robot, request: DesignRequest) -> tuple[Robot, DesignRequest, StandingBalance]:
-    """Return a robot on a fixed base, held by the legs that stand, a request in which they do not move, and balance."""
-    held_robot = set_base(robot, "fixed") if robot.base != "fixed" else robot
-    bounds = build_bounds(held_robot, request.limits, torque_margin=request.torque_margin)
-    if request.home is not None:
-        check_home(request.home, bounds)
-    home = list_usual_homes(bounds)[0] if request.home is None else np.asarray(request.home, dtype=np.float64)
-    balance = build_standing_balance(held_robot, request.standing, home, bounds.torque, request.surroundings)
-    moving = select_moving_joints(request.trajectory.joints, held_robot.joint_names)
-    blocked = [name for name in request.trajectory.joints if name in balance.held_names]
-    if blocked:
-        raise DynidentError(
-            f"{join_names(blocked)} cannot move: between the base and a foot that stands, joints are held; move other "
-            "joints, or let the foot not stand",
-            pointer="/trajectory/joints",
-        )
-    names = tuple(np.array(held_robot.joint_names)[moving & ~balance.held].tolist())
-    # The legs are held at home, so that a design cannot choose another one.
-    stated = replace(
-        request,
-        home=tuple(home.tolist()),
-        trajectory=replace(request.trajectory, joints=names),
-        surroundings=balance.add_ground(request.surroundings),
-    )
-    return balance.robot, stated, balance
 
 
 def _design_joint_motion(task: DesignTask, budget: Budget) -> DesignedExperiment:

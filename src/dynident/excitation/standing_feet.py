@@ -28,10 +28,13 @@ import scipy
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Signals
 from dynident.errors import DynidentError
+from dynident.excitation.design_request import DesignRequest
 from dynident.expressions import Program
 from dynident.motion.collision.constraint_slack import METRES_OF_A_SHARE, BalanceExtremes, word_fall, word_slip
 from dynident.motion.collision.surroundings import Standing, Surroundings, Wall
-from dynident.motion.limits.bounds import ImpossibleLimitsError
+from dynident.motion.collision_free_paths import check_home
+from dynident.motion.limits.bounds import ImpossibleLimitsError, build_bounds, select_moving_joints
+from dynident.motion.limits.postures_within_limits import list_usual_homes
 from dynident.robot.collision_reader import BASE, collision_geometry
 from dynident.robot.collision_shapes import Capsule, Shape
 from dynident.robot.contacts import find_contact_link, find_upwards, locate_contact, parse_contact
@@ -321,11 +324,59 @@ class StandingBalance:
     def note(self) -> str:
         """What the balance was computed from, in words for the user."""
         return (
-            f"The robot stands on {join_names(self.standing.feet)}. The base and the joints between it and these feet do "
-            f"not move: {join_joint_names(self.held_names, self.robot.joint_names)}. The forces of the ground follow from the masses in the robot's description. The torque of "
-            "the legs that stand is that of forces of least norm at the feet, without friction in the joints. The "
-            "robot balances at every lower speed as well."
+            f"The robot stands on {join_names(self.standing.feet)}. The base does not move, nor do the joints between "
+            f"it and these feet: {join_joint_names(self.held_names, self.robot.joint_names)}. The forces of the ground "
+            "follow from the masses in the robot's description. The torque of the legs that stand is that of forces of "
+            "least norm at the feet, without friction in the joints. The robot balances at every lower speed as well."
         )
+
+
+def stand_on_feet(robot: Robot, request: DesignRequest) -> tuple[Robot, DesignRequest, StandingBalance | None]:
+    """Hold a robot by the legs that a request lets stand.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with any base.
+    request : DesignRequest
+        The design request.
+
+    Returns
+    -------
+    tuple of Robot, DesignRequest, StandingBalance or None
+        The robot on a fixed base, with gravity against the normal of the ground; a request in which the legs do not
+        move, and the ground is a wall; and the balance. Both as they are, and no balance, where no foot stands.
+
+    Raises
+    ------
+    DynidentError
+        As `build_standing_balance`, and where a joint shall move that is held.
+    """
+    if not request.standing.feet:
+        return robot, request, None
+    robot = robot if robot.base == "fixed" else set_base(robot, "fixed")
+    bounds = build_bounds(robot, request.limits, torque_margin=request.torque_margin)
+    if request.home is not None:
+        check_home(request.home, bounds)
+    home = list_usual_homes(bounds)[0] if request.home is None else np.asarray(request.home, dtype=np.float64)
+    balance = build_standing_balance(robot, request.standing, home, bounds.torque, request.surroundings)
+    moving = select_moving_joints(request.trajectory.joints, robot.joint_names)
+    blocked = [name for name in request.trajectory.joints if name in balance.held_names]
+    if blocked:
+        raise DynidentError(
+            f"{join_names(blocked)} cannot move: between the base and a foot that stands, joints are held; move other "
+            "joints, or let the foot not stand",
+            pointer="/trajectory/joints",
+        )
+    names = tuple(np.array(robot.joint_names)[moving & ~balance.held].tolist())
+    # The legs are held at home, so that a design cannot choose another one.
+    stated = replace(
+        request,
+        home=tuple(home.tolist()),
+        trajectory=replace(request.trajectory, joints=names),
+        surroundings=balance.add_ground(request.surroundings),
+    )
+    return balance.robot, stated, balance
 
 
 def build_standing_balance(

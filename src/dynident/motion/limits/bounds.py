@@ -240,7 +240,7 @@ def build_bounds(
     ImpossibleLimitsError
         A stated range lies outside the robot's own.
     """
-    robot.require_fixed_base("design of a motion")
+    robot.require_fixed_base("design of a motion, unless you name the feet that it stands on,")
     # Names first: the limits of a misspelt joint would otherwise be ignored.
     for name in overrides:
         if name not in robot.tree.joint_names:
