@@ -31,25 +31,18 @@ from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
 from dynident.expressions import Program
 from dynident.motion.collision.constraint_slack import METRES_OF_A_SHARE, BalanceExtremes, word_fall, word_slip
+from dynident.motion.collision.obstacle_geometry import NOT_STANDING, Ground, fit_ground
 from dynident.motion.collision.surroundings import Standing, Surroundings, Wall
 from dynident.motion.collision_free_paths import check_home
 from dynident.motion.limits.bounds import ImpossibleLimitsError, build_bounds, select_moving_joints
 from dynident.motion.limits.postures_within_limits import list_usual_homes
 from dynident.robot.collision_reader import BASE, collision_geometry
-from dynident.robot.collision_shapes import Capsule, Shape
-from dynident.robot.contacts import find_contact_link, find_upwards, locate_contact, parse_contact
 from dynident.robot.description_and_json import set_base
 from dynident.robot.forward_kinematics import joint_frames
-from dynident.robot.joint import Contact, join_joint_names
+from dynident.robot.joint import join_joint_names
 from dynident.robot.json_fields import join_names
 from dynident.robot.robot_model import Robot
 
-_AT = "/standing/feet"
-_TITLE = "The robot does not stand"
-_FLAT = 0.005
-"""Largest distance (m) of a standing point from the plane of the ground: soles give way by some millimetres."""
-_NARROW = 0.01
-"""Smallest width (m) of the support: less is a line, on which nothing balances."""
 _SPARE = 0.001
 """Distance (m) beyond the margin that is designed for, as the motion goes on between the samples."""
 _SPARE_SHARE = 0.99
@@ -75,49 +68,6 @@ class MotionSlack:
     def pull_back(self, gradient: FloatArray) -> FloatArray:
         """Return ∂/∂q (N, n) from ∂/∂values (N, K)."""
         return self.pull_back_motion(gradient)[0]
-
-
-@dataclass(frozen=True, eq=False)
-class Ground:
-    """The ground under feet that stand, in the base frame.
-
-    Parameters
-    ----------
-    links : (p,)
-        For each point that touches it, the joint of the tree that carries the point.
-    points : (p, 3)
-        These points, m.
-    centre : (3,)
-        Mean of the points, m.
-    axes : (3, 3)
-        Its axes as columns: two along the ground, the third upwards.
-    """
-
-    links: tuple[int, ...]
-    points: FloatArray
-    centre: FloatArray
-    axes: FloatArray
-
-    @cached_property
-    def places(self) -> FloatArray:
-        """The points (p, 2) along the ground, from its centre, m."""
-        return np.asarray((self.points - self.centre) @ self.axes[:, :2])
-
-    @cached_property
-    def transform(self) -> FloatArray:
-        """The matrix (6, 6) from a wrench about the base's origin to one about the centre, along the ground's axes."""
-        lever = _cross_matrix(self.centre)
-        turn = self.axes.T
-        return np.block([[turn, np.zeros((3, 3))], [-turn @ lever, turn]])
-
-    @cached_property
-    def forces_to_wrench(self) -> FloatArray:
-        """The matrix G (6, 3 p) from forces at the points to their wrench about the base's origin."""
-        return np.hstack([np.vstack([np.eye(3), _cross_matrix(point)]) for point in self.points])
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,17 +363,12 @@ def build_standing_balance(
         raise DynidentError(
             "The robot's description has no inertias, so the forces on its feet are not known.",
             pointer="/standing",
-            title=_TITLE,
+            title=NOT_STANDING,
         )
-    folders = _list_folders(surroundings)
-    up = find_upwards(robot)
-    # Of a ball, which point touches depends on the normal, which depends on the points: the second round has both.
-    for _ in range(2):
-        ground = _fit_ground(_locate_feet(robot, standing, home, up, folders), standing, up)
-        up = ground.axes[:, 2]
+    ground = fit_ground(robot, standing, home, _list_folders(surroundings))
     held = _find_held_joints(robot, ground.links)
     balance = StandingBalance(
-        replace(robot, gravity=-float(np.linalg.norm(robot.gravity)) * up),
+        replace(robot, gravity=-float(np.linalg.norm(robot.gravity)) * ground.axes[:, 2]),
         root.inertias[root.n_base - 1],
         ground,
         standing,
@@ -436,86 +381,13 @@ def build_standing_balance(
         raise ImpossibleLimitsError(
             f"The robot does not balance at home: {complaint} Choose another home posture, or other feet.",
             pointer="/home",
-            title=_TITLE,
+            title=NOT_STANDING,
         )
     return balance
 
 
 def _list_folders(surroundings: Surroundings) -> list[Path]:
     return [Path(folder) for folder in surroundings.mesh_folders]
-
-
-def _locate_feet(
-    robot: Robot, standing: Standing, home: FloatArray, up: FloatArray, folders: Sequence[Path]
-) -> list[tuple[int, FloatArray]]:
-    """Return for each foot the joint of the tree that carries it, and its points (p, 3) that touch the ground."""
-    frames, feet = joint_frames(robot, home[None]), []
-    for index, text in enumerate(standing.feet):
-        pointer = f"{_AT}/{index}"
-        contact = parse_contact(text, pointer)
-        link = find_contact_link(robot, contact, pointer)
-        if contact.point is not None:
-            feet.append((link, locate_contact(robot, contact, frames) - contact.radius * up))
-            continue
-        frame = frames[0, link]
-        points = _find_sole(robot, contact, link, folders, pointer)
-        feet.append((link, points @ frame[:3, :3].T + frame[:3, 3]))
-    return feet
-
-
-def _find_sole(robot: Robot, contact: Contact, link: int, folders: Sequence[Path], pointer: str) -> FloatArray:
-    """Return the points (p, 3) of a link's shapes, in its frame, that are lowest with all joints at zero.
-
-    Who describes a robot draws it at zero, where it stands.
-    """
-    geometry = collision_geometry(robot, mesh_folders=folders)
-    shapes = [shape for body in geometry.bodies if body.joint == link for shape in body.shapes]
-    if not shapes:
-        raise DynidentError(
-            f"The foot {contact.link} has no collision geometry that could be read; give the points of it that touch "
-            f"the ground, such as {contact.link}@0.1,0.03,-0.05 (m, in the frame of the link).",
-            pointer=pointer,
-            title="Unknown sole",
-        )
-    up = joint_frames(robot, np.zeros((1, robot.n)))[0, link, :3, :3].T @ find_upwards(robot)
-    points = np.concatenate([_list_lowest_points(shape, up) for shape in shapes])
-    heights = points @ up
-    return np.asarray(points[heights <= heights.min() + _FLAT])
-
-
-def _list_lowest_points(shape: Shape, up: FloatArray) -> FloatArray:
-    if isinstance(shape, Capsule):
-        return np.stack([shape.start, shape.end]) - shape.radius * up
-    return shape.corners
-
-
-def _fit_ground(feet: Sequence[tuple[int, FloatArray]], standing: Standing, up: FloatArray) -> Ground:
-    """Return the plane through the points of feet; raise where they are not on one, or on a line."""
-    links = tuple(link for link, points in feet for _ in points)
-    points = np.concatenate([points for _, points in feet])
-    names = [text for text, (_, own) in zip(standing.feet, feet, strict=True) for _ in own]
-    centre = points.mean(axis=0)
-    # The direction in which the points spread least is the normal of the plane.
-    sizes, directions = np.linalg.svd(points - centre, full_matrices=len(points) < 3)[1:]
-    if len(points) < 3 or np.ptp((points - centre) @ directions[1]) < _NARROW or sizes[0] == 0.0:
-        raise ImpossibleLimitsError(
-            f"The points of the feet that touch the ground ({len(points)}) are on a line, on which the robot cannot "
-            "balance; name more feet, or more points of them.",
-            pointer=_AT,
-            title=_TITLE,
-        )
-    normal = directions[2] if directions[2] @ up > 0 else -directions[2]
-    heights = (points - centre) @ normal
-    worst = int(np.abs(heights).argmax())
-    if abs(heights[worst]) > _FLAT:
-        raise ImpossibleLimitsError(
-            f"At home, the feet are not on one plane: a point of {names[worst]} is {abs(heights[worst]):.3g} m "
-            f"{'above' if heights[worst] > 0 else 'below'} the plane through all. Choose a home posture in which they "
-            "are, or other feet.",
-            pointer="/home",
-            title=_TITLE,
-        )
-    return Ground(links, points, centre, np.column_stack([directions[0], np.cross(normal, directions[0]), normal]))
 
 
 def _find_held_joints(robot: Robot, links: Sequence[int]) -> BoolArray:
@@ -526,13 +398,13 @@ def _find_held_joints(robot: Robot, links: Sequence[int]) -> BoolArray:
     if followers:
         raise DynidentError(
             f"A leg that stands has joints that follow others ({join_names(followers)}), which is not supported.",
-            pointer=_AT,
-            title=_TITLE,
+            pointer="/standing/feet",
+            title=NOT_STANDING,
         )
     if held >= set(robot.joint_names):
         raise ImpossibleLimitsError(
             "Every joint belongs to a leg that stands, so none is left to move; name the feet of fewer legs.",
-            pointer=_AT,
-            title=_TITLE,
+            pointer="/standing/feet",
+            title=NOT_STANDING,
         )
     return np.array([name in held for name in robot.joint_names])
