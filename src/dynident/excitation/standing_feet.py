@@ -273,11 +273,13 @@ class StandingBalance:
     @property
     def note(self) -> str:
         """What the balance was computed from, in words for the user."""
+        gravity = ",".join(f"{value + 0.0:.4g}" for value in self.robot.gravity.round(4))
         return (
             f"The robot stands on {join_names(self.standing.feet)}. The base does not move, nor do the joints between "
             f"it and these feet: {join_joint_names(self.held_names, self.robot.joint_names)}. The forces of the ground "
             "follow from the masses in the robot's description. The torque of the legs that stand is that of forces of "
-            "least norm at the feet, without friction in the joints. The robot balances at every lower speed as well."
+            "least norm at the feet, without friction in the joints. The robot balances at every lower speed as well. "
+            f"Gravity in the frame of the base is {gravity} m/s²."
         )
 
 
