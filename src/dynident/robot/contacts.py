@@ -196,7 +196,22 @@ def find_upwards(robot: Robot) -> FloatArray:
 
 
 def locate_contact(robot: Robot, contact: Contact, frames: FloatArray) -> FloatArray:
-    """Return the point (m, 3) of a contact in the world: the centre of a ball; of a sole the origin of its link."""
+    """Return the point of a contact in the world: the centre of a ball; of a sole the origin of its link.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    contact : Contact
+        The contact.
+    frames : (m, N, 4, 4)
+        Frames of the joints of the tree, as `joint_frames` gives them.
+
+    Returns
+    -------
+    (m, 3)
+        m.
+    """
     frame = frames[:, find_contact_link(robot, contact)]
     return np.asarray(frame[:, :3, 3] + frame[:, :3, :3] @ np.array(contact.point or (0.0, 0.0, 0.0)))
 

@@ -113,12 +113,10 @@ class FreeSpace:
 
     def find_complaint(self, q: FloatArray) -> str | None:
         """Return what is not kept along a path q (m, n), as the end of a sentence; None where all is clear."""
-        followed = None if self.loops is None else self.loops.find_complaint(q)
-        if followed is not None:
-            return followed
-        falling = None if self.balance is None else self.balance.find_complaint(q)
-        if falling is not None:
-            return falling
+        parts: tuple[LoopConstraints | Balance | None, ...] = (self.loops, self.balance)
+        for part in parts:
+            if part is not None and (complaint := part.find_complaint(q)) is not None:
+                return complaint
         if self.tool is not None:
             at = self.locate_tool(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
@@ -136,20 +134,18 @@ class FreeSpace:
         """Return what leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
         if self.contacts is None and self.loops is not None:
             return "joints that follow others are at their limits, or the loops near a singular posture."
-        if self.balance is not None and self.balance.find_least(q[None])[0] < 0:
-            return "the robot hardly balances."
         if self.contacts is None:
-            return "the tool is at an end of its range."
+            return "the robot hardly balances." if self.balance is not None else "the tool is at an end of its range."
         nearest = min(self.contacts.find_approaches(q[None]), key=lambda approach: approach.slack)
         return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which is too close for any motion."
 
     def find_blocked(self, q: FloatArray) -> BoolArray:
         """Return at which of postures q (m, n) something is not kept: (m,)."""
         blocked = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.find_broken(q)
-        if self.contacts is not None:
-            blocked |= self.contacts.find_too_near(q)
         if self.balance is not None:
             blocked |= self.balance.find_broken(q)
+        if self.contacts is not None:
+            blocked |= self.contacts.find_too_near(q)
         if self.tool is not None:
             at = self.locate_tool(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
@@ -161,8 +157,7 @@ class FreeSpace:
     def compute_least_slack(self, q: FloatArray) -> FloatArray:
         """Return the smallest distance beyond the clearance (m) at postures q (m, n), by enclosing capsules: (m,).
 
-        Where that is less, it is the distance of follower joints from their limits, of loops from singular postures,
-        or of the centre of pressure of a standing robot from the edge of its support.
+        Where that is less, it is the slack of joints that follow, of loops, or of the balance of a standing robot.
         """
         return np.full(len(q), np.inf) if self.constraints is None else self.constraints.find_least(q)
 
