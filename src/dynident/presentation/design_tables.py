@@ -42,6 +42,17 @@ def describe_design(design: Design) -> str:
         f"{format_number(design.sampling_rate, 4)} Hz. Scaled condition number "
         f"{format_number(design.criterion_values.scaled_condition_number)}{random}. Nearest limit: "
         f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, {format_percent(nearest.share)} used."
+        f"{_describe_balance(design)}"
+    )
+
+
+def _describe_balance(design: Design) -> str:
+    reached = {margin.limit: margin.value for margin in design.margins}
+    if "balance" not in reached:
+        return ""
+    return (
+        f" The centre of pressure stays {format_number(reached['balance'])} m inside the support of the feet, which "
+        f"need a coefficient of friction of {format_number(reached['friction'], 2)}."
     )
 
 
