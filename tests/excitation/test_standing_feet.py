@@ -236,6 +236,12 @@ def test_a_floating_robot_is_held_by_its_feet() -> None:
     design = design_experiment(floating, request)
     assert design.joint_names == stander().joint_names
     np.testing.assert_array_equal(design.q, design_experiment(stander(), request).q)
+    # Its samples, and a simulation of it, are those of the joints alone, with gravity as the trunk leans.
+    motion = dy.design(floating, request)
+    assert len(motion.to_frame()) == len(design.t)
+    assert motion.robot.base == "fixed"
+    assert motion.robot.gravity[0] == pytest.approx(-9.81 * np.sin(0.1))
+    assert motion.simulate().recordings[0].joint_names == stander().joint_names
     with pytest.raises(DynidentError, match="feet that it stands on"):
         design_experiment(floating, replace(request, standing=Standing()))
 
