@@ -17,7 +17,6 @@ from dynident.identification.equations.model_and_data_checks import check_reduct
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
 from dynident.identification.estimation_problem import Problem, ShapeUncertainty
 from dynident.identification.identification_choices import IdentificationChoices
-from dynident.identification.identified_models.held_out_gain import describe_other_conditions
 from dynident.identification.identified_models.identification_result import (
     NONE_IN_MEMORY,
     Estimate,
@@ -25,6 +24,7 @@ from dynident.identification.identified_models.identification_result import (
     IdentifiedParameter,
     RowsInMemory,
 )
+from dynident.identification.identified_models.other_conditions import describe_other_conditions
 from dynident.identification.shape_constant_intervals import judge_shape_constants
 from dynident.identification.shape_refinement import reduce_with_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
