@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from dynident.errors import DynidentError
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
     from dynident.identification import IdentificationChoices
-    from dynident.motion import Box, Surroundings, Wall
+    from dynident.motion import Box, Standing, Surroundings, Wall
     from dynident.recordings import Filters, RecordingError, RecordingMetadata, Revision
     from dynident.robot import Drive, Limits, Robot
     from dynident.robot.description_and_json import set_base
@@ -86,6 +86,7 @@ __all__ = [
     "Report",
     "Revision",
     "Robot",
+    "Standing",
     "Surroundings",
     "Table",
     "TrajectoryRequest",

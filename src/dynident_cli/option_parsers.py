@@ -112,14 +112,14 @@ def parse_base(text: str) -> BaseKind | None:
     return kinds.get(text)
 
 
-def split_contacts(text: str) -> list[str]:
+def split_contacts(text: str, option: str = "--contacts") -> list[str]:
     """Split names of contacts; between points of links, which have commas themselves, stand semicolons."""
     first, _, others = text.partition("@")
     if ";" not in text and others and ("," in first or "@" in others):
         raise DynidentError(
             f"{text!r} names several contacts, and points have commas themselves; write semicolons between the "
             "contacts: fl_calf@0,0,-0.21;fr_calf@0,0,-0.21",
-            pointer="--contacts",
+            pointer=option,
         )
     return [item.strip() for item in text.split(";" if ";" in text or "@" in text else ",") if item.strip()]
 

@@ -255,12 +255,11 @@ def _parse_value(typed: Any, about: FieldDescription, hint: Any, option: str) ->
         return None if not typed else _parse_kind(typed, about.kinds, option)
     origin, parts = get_origin(hint), get_args(hint)
     if origin is tuple and isinstance(typed, list):
+        # Names may be those of contacts, whose points have commas themselves.
+        if parts[0] is str:
+            return tuple(item for text in typed for item in option_parsers.split_contacts(text, option))
         items = [part.strip() for text in typed for part in text.split(",") if part.strip()]
-        return (
-            tuple(option_parsers.parse_number(item, option) for item in items)
-            if parts[0] in (int, float)
-            else tuple(items)
-        )
+        return tuple(option_parsers.parse_number(item, option) for item in items)
     if isinstance(typed, list):
         return {
             name: option_parsers.parse_number(value, option)

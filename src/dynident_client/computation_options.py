@@ -121,6 +121,7 @@ class DesignOptions(TypedDict, total=False):
     """Number of random motions to compare the result with (1 to 1e+06)"""
     seed: int
     """The same seed gives the same result (0 to 9.0072e+15)"""
+    standing: Standing
     starts: int | None
     """Number of starts of the optimisation; by default 4, or as many as the time budget allows (1 to 1e+06)"""
     surroundings: Surroundings
@@ -327,6 +328,18 @@ class SimulationOptions(TypedDict, total=False):
     """Seed of the noise and of a random motion (0 to 9.0072e+15)"""
     warming: Warming | None
     """Records the joints' temperature; by default a typical warming if an effect needs it"""
+
+
+class Standing(TypedDict, total=False):
+    """Feet that a robot stands on during a motion."""
+
+    feet: Sequence[str]
+    """Feet that stand, on level ground, while the other joints move: left_foot (sole from the collision geometry), a
+    point in m, calf@0,0,-0.21, or a ball around it, calf@0,0,-0.21,0.02"""
+    friction: float
+    """Coefficient of friction of standing feet (above 0 to 10)"""
+    margin: float
+    """Smallest distance of the centre of pressure from the edge of the support by standing feet, in m (0 to 10000)"""
 
 
 class Surroundings(TypedDict, total=False):

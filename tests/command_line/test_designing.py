@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.running_commands import dynident
+from support.standing_robots import HOME, SOLE, STANDER
 
 from dynident.excitation import Design, DesignRequest, design_experiment
 from dynident.progress import Progress, ignore_progress
@@ -50,6 +51,24 @@ def test_the_same_motion_is_written_slowly_for_a_first_run(tmp_path: Path) -> No
         refused = dynident("design", "scara", *QUICK, "-o", tmp_path / "t.csv", "--slow", tmp_path / slow_name)
         assert refused.code == 2
         assert reason in refused.err
+
+
+def test_feet_that_stand_are_options(tmp_path: Path) -> None:
+    (tmp_path / "stander.urdf").write_text(STANDER)
+    points = ";".join(f"{foot}_foot@{','.join(map(str, point))}" for foot in ("left", "right") for point in SOLE)
+    home = ("--home", ",".join(map(str, HOME)))
+    for feet in ("left_foot,right_foot", points):
+        stand = ("--feet", feet, "--balance-margin", 0.02, "--foot-friction", 0.4, *home)
+        files = ("-o", tmp_path / "t.csv", "--json")
+        answer = dynident("design", tmp_path / "stander.urdf", "--kind", "random", *QUICK, *stand, *files)
+        assert answer.code == 0, answer.err
+        margins = {margin["limit"]: margin for margin in answer.document["margins"]}
+        assert margins["balance"]["value"] >= margins["balance"]["bound"] == 0.02
+        assert margins["friction"]["bound"] == 0.4
+    falls = ("--feet", "left_foot,right_foot", "--home", "-0.35,0,-0.35,0,0", "-o", tmp_path / "t.csv")
+    refused = dynident("design", tmp_path / "stander.urdf", *QUICK, *falls)
+    assert refused.code == 2
+    assert "outside of the support" in refused.err
 
 
 def test_an_unknown_set_or_family_is_refused_with_those_there_are(tmp_path: Path) -> None:

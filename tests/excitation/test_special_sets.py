@@ -20,8 +20,7 @@ from dynident.excitation import (
     design_table,
     write_design,
 )
-from dynident.excitation.experiments.run_search import factor_information
-from dynident.excitation.experiments.test_motion_sets import BetweenTwoPoints, plan_runs
+from dynident.excitation.experiments.run_search import BetweenTwoPoints, factor_information, plan_runs
 from dynident.motion.collision.obstacle_geometry import Surroundings
 from dynident.robot import Robot, to_pinocchio
 

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from support.standing_robots import STANDER
 
 from dynident.robot import library_table
-from dynident_client import Client, ProblemError
+from dynident_client import Client, JobFailed, ProblemError
 
 SMALL = {"duration": 3.0, "harmonics": 3, "sampling_rate": 50.0}
 CELL = {
@@ -79,3 +80,21 @@ def test_what_is_no_obstacle_is_refused_with_its_field(live: Client) -> None:
             live.designs.create(robot, **wrong)
         assert refused.value.status == 422
         assert refused.value.errors[0]["pointer"] == pointer
+
+
+def test_a_robot_on_its_feet_keeps_its_balance_and_the_ground_is_drawn(live: Client) -> None:
+    robot = live.robots.create("stander", urdf=STANDER, base="floating")
+    body = {
+        "kind": "random",
+        "trajectory": SMALL,
+        "random_trajectories": 3,
+        "standing": {"feet": ["left_foot", "right_foot"], "friction": 0.6, "margin": 0.02},
+    }
+    design = live.designs.create(robot, **body).wait()
+    margins = {margin["limit"]: margin for margin in design.result["margins"]}
+    assert margins["balance"]["value"] >= margins["balance"]["bound"] == 0.02
+    assert margins["friction"]["value"] <= margins["friction"]["bound"] == 0.6
+    (ground,) = live.designs.clearances(design, points=10)["walls"]
+    assert ground["point"][2] == pytest.approx(-0.52, abs=0.01)
+    with pytest.raises(JobFailed, match="does not balance at home"):
+        live.designs.create(robot, **body, home=[-0.35, 0.0, -0.35, 0.0, 0.0]).wait()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from dynident.excitation.criteria.optimality_criteria import Baseline
 from dynident.excitation.design_files import format_joint_trajectory
 from dynident.excitation.design_result import find_nearest_along
 from dynident.excitation.experiment_design import check_request
+from dynident.excitation.standing_feet import stand_on_feet
 from dynident.identification.shape_search import check_choices
 from dynident.motion.collision.exact_distances import Nearest
 from dynident.motion.collision.obstacle_geometry import Wall, build_block
@@ -181,11 +183,14 @@ def compute_clearances(
     wire_request: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
 ) -> wire.DesignClearances:
     """Find what each link is nearest to at some samples of a stored trajectory, and the surroundings to draw."""
-    motion = read_reference(trajectory, list(robot.joint_names))
+    stated = to_design_request(wire_request)
+    stated = replace(stated, surroundings=replace(stated.surroundings, mesh_folders=tuple(map(str, mesh_folders))))
+    held_robot, request, _ = stand_on_feet(robot, stated)
+    motion = read_reference(trajectory, list(held_robot.joint_names))
     # Evenly spread, ends included. Rounding may give a row twice.
     rows = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
-    nearest = find_nearest_along(robot, to_design_request(wire_request), motion.q[rows], mesh_folders)
-    around = to_design_request(wire_request).surroundings
+    nearest = find_nearest_along(robot, stated, motion.q[rows], mesh_folders)
+    around = request.surroundings
     return wire.DesignClearances(
         t=motion.t[rows].tolist(),
         links=[_show_link_clearances(link) for link in nearest],

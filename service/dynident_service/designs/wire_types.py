@@ -90,7 +90,8 @@ class Margin(ViewModel):
         description="The joint; for a clearance, the two bodies that come close to each other; for a condition: loops"
     )
     limit: str = Field(
-        description="position_min, position_max, velocity, …, torque, power, clearance, tool_min, tool_max or condition"
+        description="position_min, position_max, velocity, …, torque, power, clearance, tool_min, tool_max, condition, "
+        "balance (centre of pressure from the edge of the support, m) or friction"
     )
     value: float = Field(description="The extreme value")
     bound: float

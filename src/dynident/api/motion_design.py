@@ -22,6 +22,7 @@ from dynident.errors import DynidentError, word_notes, write_argument
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.design_files import design_table
 from dynident.excitation.design_request import Kind
+from dynident.excitation.standing_feet import stand_on_feet
 from dynident.file_output import check_ending
 from dynident.presentation.design_tables import LIMITS_COLUMNS, build_limits_table, describe_design
 from dynident.progress import Progress, ignore_progress, scale_progress
@@ -49,13 +50,16 @@ class DesignedMotion(Framed):
     Parameters
     ----------
     robot : Robot
-        The robot that shall make the motion.
+        The robot that shall make the motion; where it stands on feet, as these hold it.
     design : Design
         The design as the library gives it.
     """
 
     robot: Robot
     design: Design
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "robot", stand_on_feet(self.robot, self.design.request)[0])
 
     @property
     def summary(self) -> PlainText:

@@ -11,7 +11,7 @@ from typing import Literal
 
 from dynident.effects.effect_choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
-from dynident.motion.collision.surroundings import Surroundings
+from dynident.motion.collision.surroundings import Standing, Surroundings
 from dynident.regressors import ROW_MODELS, RowModelName
 from dynident.robot.limits_and_drives import Limits
 from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, Request, declare_field
@@ -199,6 +199,8 @@ class DesignRequest(Request):
         Share by which the torque may be larger than predicted.
     surroundings : Surroundings
         What the robot must not touch.
+    standing : Standing
+        Feet that it stands on; without any its base is held.
     model : RowModelName
         Identification model whose rows the criterion is computed from.
     """
@@ -244,6 +246,7 @@ class DesignRequest(Request):
         at_most=100,
     )
     surroundings: Surroundings = declare_field("What the robot must not touch", made_by=Surroundings, option="-")
+    standing: Standing = declare_field(made_by=Standing)
     model: RowModelName = declare_field(
         "Rows that the criterion is computed from", default="dynamic", kinds=OneOf(*ROW_MODELS)
     )

@@ -14,6 +14,7 @@ from dynident.errors import KnownNames
 from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.excitation.design_request import DesignRequest
+from dynident.excitation.standing_feet import stand_on_feet
 from dynident.motion.collision.exact_distances import Nearest
 from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.limits.limit_margins import Margin
@@ -62,7 +63,14 @@ def find_nearest_along(
         Where the request does not fit the robot.
     """
     around = replace(request.surroundings, mesh_folders=tuple(map(str, mesh_folders)))
-    space = build_bounds(robot, request.limits, torque_margin=request.torque_margin, surroundings=around).space
+    robot, request, balance = stand_on_feet(robot, replace(request, surroundings=around))
+    space = build_bounds(
+        robot,
+        request.limits,
+        torque_margin=request.torque_margin,
+        surroundings=request.surroundings,
+        balance=balance,
+    ).space
     return () if space is None or space.contacts is None else tuple(space.contacts.find_nearest(q))
 
 

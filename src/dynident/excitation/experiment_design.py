@@ -35,6 +35,7 @@ from dynident.excitation.experiments.single_joint_motions import (
     plan_strokes,
 )
 from dynident.excitation.optimisation.design_problem import Budget, count_period_samples
+from dynident.excitation.standing_feet import stand_on_feet
 from dynident.motion.collision.obstacle_geometry import ASSUMED_HEIGHT, check_surroundings, note_reach
 from dynident.motion.collision_free_paths import check_home, list_home_candidates
 from dynident.motion.joint_trajectories import MOST_SAMPLES, Motion, PeriodicMotion, concatenate_motions, sample_pieces
@@ -86,6 +87,11 @@ def check_request(request: DesignRequest) -> None:
 
 
 def _check_set(request: DesignRequest) -> None:
+    if request.standing.feet:
+        raise DynidentError(
+            "a set of test motions moves all joints, but legs that stand do not move; choose another kind",
+            pointer="/kind",
+        )
     if request.trajectory.joints:
         raise DynidentError(
             "a set of test motions determines which joints move in each motion; leave joints out",
@@ -184,6 +190,7 @@ def design_experiment(
     budget = Budget(request.starts_or_default, request.time_budget)
     progress = make_monotonic(progress)
     check_request(request)
+    robot, request, balance = stand_on_feet(robot, request)
     has_loads = any(choice.runs for choice in request.effects_or_default)
     expected = None if identified is None else ExpectedTorque(robot, identified, has_loads)
     limits = build_bounds(
@@ -192,6 +199,7 @@ def design_experiment(
         torque_margin=request.torque_margin,
         surroundings=request.surroundings,
         torque_note=None if expected is None else expected.complete_note,
+        balance=balance,
     )
     if request.home is not None:
         check_home(request.home, limits)

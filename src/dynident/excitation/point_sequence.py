@@ -434,7 +434,7 @@ class MovePlanner:
                 else self._model.torque(motion.q, motion.dq, motion.ddq)
             )
             within = (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all()
-            if within and limits.are_follower_rates_kept(motion.q, motion.dq, motion.ddq):
+            if within and limits.are_rates_and_balance_kept(motion.q, motion.dq, motion.ddq):
                 # The square root, because rows enter WᵀW squared.
                 rows = np.sqrt(step) * w[:, :, : self._n_parameters] * self._counted
                 return PlannedMove(piece, rows.reshape(-1, self._n_parameters))

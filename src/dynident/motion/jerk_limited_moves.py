@@ -156,7 +156,7 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     if complaint is not None:
         raise complaint
     move = plan_move(start, end, bounds, rate)
-    if not bounds.has_torque_limits and bounds.follower_rates is None:
+    if not bounds.has_torque_limits and bounds.follower_rates is None and bounds.balance is None:
         return move
     if bounds.has_torque_limits:
         # However slow the move, the weight remains: check it first, to report it as such.
@@ -169,10 +169,17 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
         steps = int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration))
         steps *= int(np.ceil(_CHECKS / max(steps, 1)))
         motion = move.evaluate(np.linspace(0.0, move.duration, steps + 1))
-        slow_enough = bounds.are_follower_rates_kept(motion.q, motion.dq, motion.ddq)
+        slow_enough = bounds.are_rates_and_balance_kept(motion.q, motion.dq, motion.ddq)
         if slow_enough and _is_within_torque(motion, bounds, model):
             return move
     # After the last attempt: what is still too fast then does not get slower with the move.
+    if not slow_enough and bounds.balance is not None:
+        raise ImpossibleLimitsError(
+            f"On the straight path from [{_format_posture(start)}] to [{_format_posture(end)}], the robot does not "
+            "keep its balance at any speed; choose another home posture, or a smaller margin.",
+            pointer="/standing",
+            title="Impossible limits",
+        )
     if not slow_enough:
         names = "" if bounds.follower_rates is None else ", ".join(bounds.follower_rates.names)
         raise ImpossibleLimitsError(

@@ -42,6 +42,17 @@ def describe_design(design: Design) -> str:
         f"{format_number(design.sampling_rate, 4)} Hz. Scaled condition number "
         f"{format_number(design.criterion_values.scaled_condition_number)}{random}. Nearest limit: "
         f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, {format_percent(nearest.share)} used."
+        f"{_describe_balance(design)}"
+    )
+
+
+def _describe_balance(design: Design) -> str:
+    reached = {margin.limit: margin.value for margin in design.margins}
+    if "balance" not in reached:
+        return ""
+    return (
+        f" The centre of pressure stays {format_number(reached['balance'])} m inside the support of the feet, which "
+        f"need a coefficient of friction of {format_number(reached['friction'], 2)}."
     )
 
 
@@ -135,9 +146,9 @@ def build_limits_table(robot: Robot, margins: Sequence[Margin], most: int | None
 
 
 def _get_limit_unit(robot: Robot, margin: Margin) -> str:
-    if margin.limit in ("clearance", "tool_min", "tool_max"):
+    if margin.limit in ("clearance", "tool_min", "tool_max", "balance"):
         return "m"
-    if margin.limit in ("condition", "power"):
+    if margin.limit in ("condition", "power", "friction"):
         return "W" if margin.limit == "power" else ""
     described = robot.tree.joints[robot.tree.joint_names.index(margin.joint)]
     if margin.limit == "torque":

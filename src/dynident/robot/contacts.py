@@ -31,7 +31,7 @@ _SHOWN = 1e-4
 """Share of a joint's torque, squared, below which the projected equations do not show it: 1 % of its friction."""
 
 
-def parse_contact(text: str) -> Contact:
+def parse_contact(text: str, pointer: str = "/contacts") -> Contact:
     """Return the contact that a text names.
 
     Parameters
@@ -39,6 +39,8 @@ def parse_contact(text: str) -> Contact:
     text : str
         `left_foot` for a sole, `calf@0,0,-0.21` for a point of a link (m), `calf@0,0,-0.21,0.02` for a ball of 0.02 m
         around it; `^0.03` behind it for a contact that touches nothing where it is 0.03 m above the lowest one.
+    pointer : str
+        Place of the text in the request, for errors.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def parse_contact(text: str) -> Contact:
             f"The contact {text!r} cannot be read; write a link, its point as three numbers in m behind an @ (a fourth "
             "is the radius of a ball), and the height in m above the lowest contact from which on it touches nothing "
             "behind a ^: foot, calf@0,0,-0.21 or calf@0,0,-0.21,0.02^0.03.",
-            pointer="/contacts",
+            pointer=pointer,
             title=_TITLE,
         ) from None
     point = (numbers[0], numbers[1], numbers[2]) if numbers else None
@@ -97,7 +99,7 @@ def read_contacts(robot: Robot, texts: Sequence[str]) -> tuple[Contact, ...]:
         )
     contacts = tuple(parse_contact(text) for text in names)
     for contact in contacts:
-        _find_link(robot, contact)
+        find_contact_link(robot, contact)
     _check_heights(contacts)
     return contacts
 
@@ -122,12 +124,28 @@ def _check_heights(contacts: Sequence[Contact]) -> None:
         )
 
 
-def _find_link(robot: Robot, contact: Contact) -> int:
+def find_contact_link(robot: Robot, contact: Contact, pointer: str = "/contacts") -> int:
+    """Return the index of the joint of the tree that carries the link of a contact.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    contact : Contact
+        The contact.
+    pointer : str
+        Place of the contact in the request, for errors.
+
+    Raises
+    ------
+    DynidentError
+        If no link that moves by itself has this name.
+    """
     links = [joint.link or joint.name for joint in robot.tree.joints]
     if contact.link not in links[robot.n_massless :]:
         raise DynidentError(
             f"There is no link '{contact.link}' that moves by itself; links: {', '.join(links[robot.n_massless :])}.",
-            pointer="/contacts",
+            pointer=pointer,
             title=_TITLE,
         )
     return links.index(contact.link)
@@ -154,9 +172,9 @@ def compute_contact_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
 def _compute_jacobian(robot: Robot, q: FloatArray, frames: FloatArray) -> FloatArray:
     tree, blocks = robot.tree, []
     for contact in robot.contacts:
-        link = _find_link(robot, contact)
+        link = find_contact_link(robot, contact)
         # The force acts on the part of a ball that touches the ground.
-        place = _locate(robot, contact, frames) - contact.radius * _find_upwards(robot)
+        place = locate_contact(robot, contact, frames) - contact.radius * find_upwards(robot)
         linear, angular = np.zeros((2, len(q), 3, tree.n))
         for index in tree.list_ancestors(link):
             joint = tree.joints[index]
@@ -171,14 +189,30 @@ def _compute_jacobian(robot: Robot, q: FloatArray, frames: FloatArray) -> FloatA
     return jacobian if robot.linkage is None else jacobian @ robot.linkage.compute_jacobian(q)
 
 
-def _find_upwards(robot: Robot) -> FloatArray:
+def find_upwards(robot: Robot) -> FloatArray:
+    """Return the unit vector (3,) against gravity; z where there is none."""
     size = float(np.linalg.norm(robot.gravity))
     return -robot.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def _locate(robot: Robot, contact: Contact, frames: FloatArray) -> FloatArray:
-    """Return the point (m, 3) of a contact in the world: the centre of a ball; of a sole the origin of its link."""
-    frame = frames[:, _find_link(robot, contact)]
+def locate_contact(robot: Robot, contact: Contact, frames: FloatArray) -> FloatArray:
+    """Return the point of a contact in the world: the centre of a ball; of a sole the origin of its link.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    contact : Contact
+        The contact.
+    frames : (m, N, 4, 4)
+        Frames of the joints of the tree, as `joint_frames` gives them.
+
+    Returns
+    -------
+    (m, 3)
+        m.
+    """
+    frame = frames[:, find_contact_link(robot, contact)]
     return np.asarray(frame[:, :3, 3] + frame[:, :3, :3] @ np.array(contact.point or (0.0, 0.0, 0.0)))
 
 
@@ -188,8 +222,10 @@ def compute_contact_heights(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def _compute_heights(robot: Robot, frames: FloatArray) -> FloatArray:
-    up = _find_upwards(robot)
-    return np.stack([_locate(robot, contact, frames) @ up - contact.radius for contact in robot.contacts], axis=1)
+    up = find_upwards(robot)
+    return np.stack(
+        [locate_contact(robot, contact, frames) @ up - contact.radius for contact in robot.contacts], axis=1
+    )
 
 
 def _compute_shares(robot: Robot, frames: FloatArray) -> FloatArray:
@@ -211,7 +247,9 @@ def find_mixed_joints(robot: Robot) -> BoolArray:
     """Return which driven joints (n,) move a contact: the projection mixes their equations, and no others."""
     if robot.contacts and robot.linkage is not None:
         return np.ones(robot.n, dtype=bool)
-    moved = {index for contact in robot.contacts for index in robot.tree.list_ancestors(_find_link(robot, contact))}
+    moved = {
+        index for contact in robot.contacts for index in robot.tree.list_ancestors(find_contact_link(robot, contact))
+    }
     return np.isin(np.arange(robot.n), sorted(moved))
 
 

@@ -143,7 +143,8 @@ class Margin(TypedDict):
     joint: str
     """The joint; for a clearance, the two bodies that come close to each other; for a condition: loops"""
     limit: str
-    """position_min, position_max, velocity, …, torque, power, clearance, tool_min, tool_max or condition"""
+    """position_min, position_max, velocity, …, torque, power, clearance, tool_min, tool_max, condition, balance (centre
+    of pressure from the edge of the support, m) or friction"""
     share: float | None
     """Share of the available range that is used: 1 reaches the limit"""
     value: float

@@ -37,7 +37,7 @@ _RANDOM_SHARE = 0.3
 _SLOWER, _ATTEMPTS = 0.95, 30
 # Sequences that are tried on the fine grid: each costs a verification.
 _MOST_SETTLED = 10
-_HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max", "condition")
+_HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max", "condition", "balance")
 """Limits that a slower move breaks as well."""
 
 

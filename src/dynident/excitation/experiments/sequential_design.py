@@ -13,8 +13,14 @@ from dynident.excitation.design_result import Run
 from dynident.excitation.equation_type_rows import DYNAMIC_ROWS
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
 from dynident.excitation.experiments.point_to_point import check_no_path, verify_pieces
-from dynident.excitation.experiments.run_search import RunMotion, RunSearch, factor_information
-from dynident.excitation.experiments.test_motion_sets import BetweenTwoPoints, PlannedRun, plan_runs
+from dynident.excitation.experiments.run_search import (
+    BetweenTwoPoints,
+    PlannedRun,
+    RunMotion,
+    RunSearch,
+    factor_information,
+    plan_runs,
+)
 from dynident.excitation.optimisation.design_problem import Budget
 from dynident.motion.collision_free_paths import list_home_candidates, note_home, plan_path
 from dynident.motion.joint_trajectories import Motion, Piece, sample_pieces

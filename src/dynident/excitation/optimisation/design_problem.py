@@ -21,6 +21,7 @@ from dynident.excitation.criteria.optimality_criteria import Criterion, Criterio
 from dynident.excitation.design_observation_matrix import DesignModel, ObservationGradient
 from dynident.excitation.equation_type_rows import RowModelName, build_row_model
 from dynident.excitation.expected_torque import ExpectedTorqueGradient
+from dynident.motion.collision.constraint_slack import METRES_OF_A_SHARE
 from dynident.motion.collision_free_paths import MoveCost
 from dynident.motion.joint_trajectories import Family
 from dynident.motion.limits.bounds import Bounds
@@ -128,8 +129,6 @@ def _find_narrow_speeds(model: DesignModel) -> list[float]:
 
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99
-SLACK_UNIT = 0.5
-"""Missing clearance, m, that weighs as much as a limit that is exceeded twofold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +140,7 @@ class Multipliers:
     values : (6, N, n)
         One for each limit and sample.
     crowding : (N, K)
-        One for each distance that is kept.
+        One for each distance that is kept, and for the balance of a robot on its feet.
     penalty : float
         Weight μ of the penalty.
     """
@@ -184,7 +183,7 @@ class Evaluation:
     excess : (6, N, n)
         Of the limits.
     crowding : (N, K)
-        Excess of the distances that are kept, in units of `SLACK_UNIT`.
+        Excess of the distances that are kept, in units of `METRES_OF_A_SHARE`.
     """
 
     lagrangian: float
@@ -248,6 +247,7 @@ class DesignProblem:
         self._middle = np.zeros((6, 1, self.n))
         self._middle[0, 0] = bounds.middle
         self._constraints = None if bounds.space is None else bounds.space.constraints
+        self._balance = bounds.balance
         of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
         half_ranges = np.stack([bounds.half_range, *of_rates])
         self._moving = bounds.half_range > 0
@@ -262,7 +262,7 @@ class DesignProblem:
 
     def create_multipliers(self, penalty: float) -> Multipliers:
         """Return zero multipliers, where the augmented Lagrangian begins."""
-        count = 0 if self._constraints is None else self._constraints.count
+        count = sum(part.count for part in (self._constraints, self._balance) if part is not None)
         return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
 
     def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
@@ -292,14 +292,16 @@ class DesignProblem:
         shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_half_range
         excess = np.abs(shares) - 1.0
         active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
-        crowding, of_crowding, of_posture = self._evaluate_crowding(q, multipliers)
+        crowding, of_crowding, of_motion = self._evaluate_crowding((q, dq, ddq), multipliers)
         penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty) + of_crowding
         of_signals = active * np.sign(shares) * self._per_half_range
         # Power is torque times velocity: its share of the gradient goes to both by the product rule.
         of_torque = of_signals[4] + of_signals[5] * dq
         of_w = of_torque[:, :, None] * self._nominal if self._expected is None else np.zeros_like(w)
         of_w[:, :, :b] += self._mask_uncounted(of_chosen)
-        gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque) + self._basis[0].T @ of_posture
+        gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque)
+        for basis, of_derivative in zip(self._basis, of_motion, strict=False):
+            gradient += basis.T @ of_derivative
         for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
             gradient += basis.T @ of_derivative
         for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
@@ -318,16 +320,30 @@ class DesignProblem:
         """Return the rows (N, n, b) with those of joints that do not count set to zero."""
         return rows if self._counted is None else rows * self._counted
 
-    def _evaluate_crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
-        """Return the crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
-        if self._constraints is None:
-            return multipliers.crowding, 0.0, np.zeros_like(q)
-        slack = self._constraints.evaluate(q)
+    def _evaluate_crowding(
+        self, motion: tuple[FloatArray, FloatArray, FloatArray], multipliers: Multipliers
+    ) -> tuple[FloatArray, float, list[FloatArray]]:
+        """Return the crowding (N, K), its part of the augmented Lagrangian, and the gradient of that.
+
+        The gradient is that over q, or over q, q̇, q̈ (N, n); none where nothing is near.
+        """
+        at_rest = None if self._constraints is None else self._constraints.evaluate(motion[0])
+        moving = None if self._balance is None else self._balance.evaluate_motion(*motion)
+        parts = [part.values for part in (at_rest, moving) if part is not None]
+        if not parts:
+            return multipliers.crowding, 0.0, []
         # Slack is positive where there is clearance to spare, an excess where a limit is broken: hence the sign.
-        crowding = slack.values / -SLACK_UNIT
+        crowding = np.concatenate(parts, axis=1) / -METRES_OF_A_SHARE
         active = np.maximum(0.0, multipliers.crowding + multipliers.penalty * crowding)
         penalty = float(np.sum(active**2) - np.sum(multipliers.crowding**2)) / (2 * multipliers.penalty)
-        return crowding, penalty, slack.pull_back(active / -SLACK_UNIT) if active.any() else np.zeros_like(q)
+        if not active.any():
+            return crowding, penalty, []
+        of_slack = active / -METRES_OF_A_SHARE
+        gradient = [] if moving is None else moving.pull_back_motion(of_slack[:, -moving.values.shape[1] :])
+        if at_rest is not None:
+            of_posture = at_rest.pull_back(of_slack[:, : at_rest.values.shape[1]])
+            gradient = [of_posture + gradient[0], *gradient[1:]] if gradient else [of_posture]
+        return crowding, penalty, gradient
 
 
 @dataclass(frozen=True, eq=False)

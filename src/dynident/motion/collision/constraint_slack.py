@@ -1,5 +1,7 @@
 """How far a posture is from limits of passive joints and from singular postures of closed loops, with derivatives.
 
+Holds what a missing metre of clearance weighs, and what is asked of the balance of a robot on its feet.
+
 Follower joints have limits, and closed loops a distance to singular postures. Like the clearances of bodies, their
 slack is a function of the driven joints' posture alone, with exact derivatives.
 """
@@ -13,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.motion.collision.surroundings import Standing
 from dynident.robot.limits_and_drives import Limits
 from dynident.robot.loop_equations import FAR_FROM_SINGULAR
 from dynident.robot.robot_model import Linkage, Robot
@@ -46,6 +49,115 @@ class Constraints(Protocol):
     def find_least(self, q: FloatArray) -> FloatArray:
         """Return the smallest slack (m,) at postures q (m, n)."""
         ...
+
+
+METRES_OF_A_SHARE = 0.5
+"""Missing clearance, m, that weighs as much as a limit that is exceeded twofold."""
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceExtremes:
+    """How near a motion comes to what ends the balance of a robot on its feet.
+
+    Parameters
+    ----------
+    distance : float
+        Smallest distance of the centre of pressure from the edge of the support, m; negative outside, -∞ where the
+        ground would have to pull.
+    friction : float
+        Largest coefficient of friction that is needed.
+    torque : (k,)
+        Largest torques of the joints that are held, N m or N.
+    """
+
+    distance: float
+    friction: float
+    torque: FloatArray
+
+
+class MotionSlack(Slack, Protocol):
+    """Slack at samples of a motion."""
+
+    def pull_back_motion(self, gradient: FloatArray) -> list[FloatArray]:
+        """Return ∂/∂q, ∂/∂q̇, ∂/∂q̈ (m, n) from ∂/∂values (m, K)."""
+        ...
+
+
+class Balance(Constraints, Protocol):
+    """Balance of a robot on its feet: as a constraint of the posture it holds at rest."""
+
+    @property
+    def standing(self) -> Standing:
+        """Feet, friction and margin."""
+        ...
+
+    @property
+    def held_names(self) -> tuple[str, ...]:
+        """Names of the k joints that are held."""
+        ...
+
+    @property
+    def torque_limits(self) -> FloatArray:
+        """Their torque limits (k,), N m or N; infinite where there is none."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """What the balance was computed from, in words for the user."""
+        ...
+
+    def hold(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return position limits (n,) in which these joints have no range."""
+        ...
+
+    def evaluate_motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> MotionSlack:
+        """Return the slack of a motion q, q̇, q̈ (m, n)."""
+        ...
+
+    def is_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
+        """Return whether the robot balances in a motion q, q̇, q̈ (m, n)."""
+        ...
+
+    def measure(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> BalanceExtremes:
+        """Return how near a motion q, q̇, q̈ (m, n) comes to the limits."""
+        ...
+
+    def find_complaint(self, q: FloatArray) -> str | None:
+        """Return what does not balance at rest along a path q (m, n), as the end of a sentence."""
+        ...
+
+    def find_broken(self, q: FloatArray) -> BoolArray:
+        """Return in which of postures q (m, n) the robot does not balance at rest: (m,)."""
+        ...
+
+
+def word_fall(distance: float, margin: float) -> str:
+    """Say that the centre of pressure comes too near the edge of the support.
+
+    Parameters
+    ----------
+    distance : float
+        Its smallest distance from the edge, m; negative outside, -∞ where the ground would have to pull.
+    margin : float
+        Distance that has to be kept, m.
+    """
+    if distance == -np.inf:
+        return "the robot would leave the ground."
+    where = f"{distance:.3g} m inside" if distance >= 0 else f"{-distance:.3g} m outside of"
+    return f"the centre of pressure would be {where} the support of the feet; it must be at least {margin:g} m inside."
+
+
+def word_slip(friction: float, stated: float) -> str:
+    """Say that feet slip.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient of friction that they need.
+    stated : float
+        Coefficient of friction that they have.
+    """
+    return f"the feet would slip: they need a coefficient of friction of {friction:.3g}, and {stated:g} is stated."
 
 
 @dataclass(frozen=True, eq=False)

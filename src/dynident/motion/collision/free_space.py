@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.motion.collision.constraint_slack import Constraints, JoinedConstraints, LoopConstraints
+from dynident.motion.collision.constraint_slack import Balance, Constraints, JoinedConstraints, LoopConstraints
 from dynident.motion.collision.exact_distances import (
     ContactCheck,
     SolidPair,
@@ -82,6 +82,8 @@ class FreeSpace:
         Limits of joints that are not driven.
     assumed : bool
         Whether all that is around the robot is an assumed floor.
+    balance : Balance, optional
+        Balance of a robot on its feet.
     """
 
     robot: Robot
@@ -91,11 +93,12 @@ class FreeSpace:
     notes: tuple[str, ...]
     loops: LoopConstraints | None = None
     assumed: bool = False
+    balance: Balance | None = None
 
     @cached_property
     def constraints(self) -> Constraints | None:
         """All constraints of the optimiser; None where there are none."""
-        parts = tuple(part for part in (self.clearances, self.loops) if part is not None and part.count)
+        parts = tuple(part for part in (self.clearances, self.loops, self.balance) if part is not None and part.count)
         return JoinedConstraints(parts) if parts else None
 
     @property
@@ -110,9 +113,10 @@ class FreeSpace:
 
     def find_complaint(self, q: FloatArray) -> str | None:
         """Return what is not kept along a path q (m, n), as the end of a sentence; None where all is clear."""
-        followed = None if self.loops is None else self.loops.find_complaint(q)
-        if followed is not None:
-            return followed
+        parts: tuple[LoopConstraints | Balance | None, ...] = (self.loops, self.balance)
+        for part in parts:
+            if part is not None and (complaint := part.find_complaint(q)) is not None:
+                return complaint
         if self.tool is not None:
             at = self.locate_tool(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
@@ -131,13 +135,15 @@ class FreeSpace:
         if self.contacts is None and self.loops is not None:
             return "joints that follow others are at their limits, or the loops near a singular posture."
         if self.contacts is None:
-            return "the tool is at an end of its range."
+            return "the robot hardly balances." if self.balance is not None else "the tool is at an end of its range."
         nearest = min(self.contacts.find_approaches(q[None]), key=lambda approach: approach.slack)
         return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which is too close for any motion."
 
     def find_blocked(self, q: FloatArray) -> BoolArray:
         """Return at which of postures q (m, n) something is not kept: (m,)."""
         blocked = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.find_broken(q)
+        if self.balance is not None:
+            blocked |= self.balance.find_broken(q)
         if self.contacts is not None:
             blocked |= self.contacts.find_too_near(q)
         if self.tool is not None:
@@ -151,7 +157,7 @@ class FreeSpace:
     def compute_least_slack(self, q: FloatArray) -> FloatArray:
         """Return the smallest distance beyond the clearance (m) at postures q (m, n), by enclosing capsules: (m,).
 
-        Where that is less, it is the distance of follower joints from their limits, or of loops from singular postures.
+        Where that is less, it is the slack of joints that follow, of loops, or of the balance of a standing robot.
         """
         return np.full(len(q), np.inf) if self.constraints is None else self.constraints.find_least(q)
 

@@ -1,4 +1,4 @@
-"""Turn stated surroundings into shapes and half-spaces, check them, and assume a floor where none is stated.
+"""Turn stated surroundings into shapes and half-spaces, check them, assume a floor; the ground under standing feet.
 
 Holds when a floor is assumed, and the notes on what is not checked.
 
@@ -9,16 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import scipy
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError, Note, Remedy, describe_missing_joint
-from dynident.motion.collision.surroundings import Box, Surroundings, ToolRange, Wall
+from dynident.motion.collision.surroundings import Box, Standing, Surroundings, ToolRange, Wall
 from dynident.number_format import format_percent
-from dynident.robot.collision_shapes import Block
+from dynident.robot.collision_reader import collision_geometry
+from dynident.robot.collision_shapes import Block, Capsule, Shape
+from dynident.robot.contacts import find_contact_link, find_upwards, locate_contact, parse_contact
 from dynident.robot.forward_kinematics import joint_frames
+from dynident.robot.joint import Contact
 from dynident.robot.json_fields import make_pointer
 from dynident.robot.robot_model import Robot
 
@@ -277,3 +282,154 @@ def _check_tool(tool: ToolRange, joint_names: Sequence[str] | None) -> None:
             pointer=f"{at}/joint",
             title="Unknown joint",
         )
+
+
+NOT_STANDING = "The robot does not stand"
+_FEET = "/standing/feet"
+_NARROW = 0.01
+"""Smallest width (m) of the support: less is a line, on which nothing balances."""
+_FLAT = 0.005
+"""Largest distance (m) of a standing point from the plane of the ground: soles give way by some millimetres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The ground under feet that stand, in the base frame.
+
+    Parameters
+    ----------
+    links : (p,)
+        For each point that touches it, the joint of the tree that carries the point.
+    points : (p, 3)
+        These points, m.
+    centre : (3,)
+        Mean of the points, m.
+    axes : (3, 3)
+        Its axes as columns: two along the ground, the third upwards.
+    """
+
+    links: tuple[int, ...]
+    points: FloatArray
+    centre: FloatArray
+    axes: FloatArray
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """The points (p, 2) along the ground, from its centre, m."""
+        return np.asarray((self.points - self.centre) @ self.axes[:, :2])
+
+    @cached_property
+    def transform(self) -> FloatArray:
+        """The matrix (6, 6) from a wrench about the base's origin to one about the centre, along the ground's axes."""
+        lever = _cross_matrix(self.centre)
+        turn = self.axes.T
+        return np.block([[turn, np.zeros((3, 3))], [-turn @ lever, turn]])
+
+    @cached_property
+    def forces_to_wrench(self) -> FloatArray:
+        """The matrix G (6, 3 p) from forces at the points to their wrench about the base's origin."""
+        return np.hstack([np.vstack([np.eye(3), _cross_matrix(point)]) for point in self.points])
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def fit_ground(robot: Robot, standing: Standing, home: FloatArray, mesh_folders: Sequence[Path] = ()) -> Ground:
+    """Return the ground under feet that stand: the plane through their points.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot on a fixed base.
+    standing : Standing
+        The feet.
+    home : (n,)
+        Posture in which it stands, rad or m.
+    mesh_folders : sequence of Path
+        Where the meshes of soles are looked for.
+
+    Raises
+    ------
+    DynidentError
+        For feet that are no links, or whose points are not known; or are not on one plane, or on a line.
+    """
+    up = find_upwards(robot)
+    # Of a ball, which point touches depends on the normal, which depends on the points: the second round has both.
+    for _ in range(2):
+        ground = _fit_plane(_locate_feet(robot, standing, home, up, mesh_folders), standing, up)
+        up = ground.axes[:, 2]
+    return ground
+
+
+def _locate_feet(
+    robot: Robot, standing: Standing, home: FloatArray, up: FloatArray, folders: Sequence[Path]
+) -> list[tuple[int, FloatArray]]:
+    """Return for each foot the joint of the tree that carries it, and its points (p, 3) that touch the ground."""
+    frames, feet = joint_frames(robot, home[None]), []
+    for index, text in enumerate(standing.feet):
+        pointer = f"{_FEET}/{index}"
+        contact = parse_contact(text, pointer)
+        link = find_contact_link(robot, contact, pointer)
+        if contact.point is not None:
+            feet.append((link, locate_contact(robot, contact, frames) - contact.radius * up))
+            continue
+        frame = frames[0, link]
+        points = _find_sole(robot, contact, link, folders, pointer)
+        feet.append((link, points @ frame[:3, :3].T + frame[:3, 3]))
+    return feet
+
+
+def _find_sole(robot: Robot, contact: Contact, link: int, folders: Sequence[Path], pointer: str) -> FloatArray:
+    """Return the points (p, 3) of a link's shapes, in its frame, that are lowest with all joints at zero.
+
+    Who describes a robot draws it at zero, where it stands.
+    """
+    geometry = collision_geometry(robot, mesh_folders=folders)
+    shapes = [shape for body in geometry.bodies if body.joint == link for shape in body.shapes]
+    if not shapes:
+        raise DynidentError(
+            f"The foot {contact.link} has no collision geometry that could be read; give the points of it that touch "
+            f"the ground, such as {contact.link}@0.1,0.03,-0.05 (m, in the frame of the link).",
+            pointer=pointer,
+            title="Unknown sole",
+        )
+    up = joint_frames(robot, np.zeros((1, robot.n)))[0, link, :3, :3].T @ find_upwards(robot)
+    points = np.concatenate([_list_lowest_points(shape, up) for shape in shapes])
+    heights = points @ up
+    return np.asarray(points[heights <= heights.min() + _FLAT])
+
+
+def _list_lowest_points(shape: Shape, up: FloatArray) -> FloatArray:
+    if isinstance(shape, Capsule):
+        return np.stack([shape.start, shape.end]) - shape.radius * up
+    return shape.corners
+
+
+def _fit_plane(feet: Sequence[tuple[int, FloatArray]], standing: Standing, up: FloatArray) -> Ground:
+    """Return the plane through the points of feet; raise where they are not on one, or on a line."""
+    links = tuple(link for link, points in feet for _ in points)
+    points = np.concatenate([points for _, points in feet])
+    names = [text for text, (_, own) in zip(standing.feet, feet, strict=True) for _ in own]
+    centre = points.mean(axis=0)
+    # The direction in which the points spread least is the normal of the plane.
+    sizes, directions = np.linalg.svd(points - centre, full_matrices=len(points) < 3)[1:]
+    if len(points) < 3 or np.ptp((points - centre) @ directions[1]) < _NARROW or sizes[0] == 0.0:
+        raise DynidentError(
+            f"The points of the feet that touch the ground ({len(points)}) are on a line, on which the robot cannot "
+            "balance; name more feet, or more points of them.",
+            pointer=_FEET,
+            title=NOT_STANDING,
+        )
+    normal = directions[2] if directions[2] @ up > 0 else -directions[2]
+    heights = (points - centre) @ normal
+    worst = int(np.abs(heights).argmax())
+    if abs(heights[worst]) > _FLAT:
+        raise DynidentError(
+            f"At home, the feet are not on one plane: a point of {names[worst]} is {abs(heights[worst]):.3g} m "
+            f"{'above' if heights[worst] > 0 else 'below'} the plane through all. Choose a home posture in which they "
+            "are, or other feet.",
+            pointer="/home",
+            title=NOT_STANDING,
+        )
+    return Ground(links, points, centre, np.column_stack([directions[0], np.cross(normal, directions[0]), normal]))

@@ -1,4 +1,7 @@
-"""Request fields of floor, walls, boxes and tool range, and the default clearance (0.02 m); geometry is elsewhere."""
+"""Request fields of floor, walls, boxes, tool range and standing feet, and the default clearance (0.02 m).
+
+Their geometry is elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -158,3 +161,37 @@ class Surroundings(Request):
     def has_obstacles(self) -> bool:
         """Whether there is anything but the robot itself."""
         return self.floor is not None or bool(self.walls) or bool(self.boxes)
+
+
+@dataclass(frozen=True)
+class Standing(Request):
+    """Feet that a robot stands on during a motion.
+
+    Parameters
+    ----------
+    feet : tuple of str
+        Links that stand, as contacts are written: "left_foot", whose sole is read from the collision geometry, or a
+        point of a link, "calf@0,0,-0.21", or a ball around it, "calf@0,0,-0.21,0.02". None: the base is held.
+    friction : float
+        Coefficient of friction of the feet on the ground.
+    margin : float
+        Smallest distance of the centre of pressure from the edge of the support, m.
+    """
+
+    feet: tuple[str, ...] = declare_field(
+        "Feet that stand, on level ground, while the other joints move: left_foot (sole from the collision geometry), "
+        "a point in m, calf@0,0,-0.21, or a ball around it, calf@0,0,-0.21,0.02",
+        default=(),
+        most=100,
+    )
+    friction: float = declare_field(
+        "Coefficient of friction of standing feet", default=0.5, above=0, at_most=10, option="--foot-friction"
+    )
+    margin: float = declare_field(
+        "Smallest distance of the centre of pressure from the edge of the support by standing feet",
+        default=0.01,
+        unit="m",
+        at_least=0,
+        at_most=FARTHEST,
+        option="--balance-margin",
+    )

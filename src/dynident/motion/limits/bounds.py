@@ -13,7 +13,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError, Note, Remedy, describe_missing_joint
-from dynident.motion.collision.constraint_slack import FollowerRates, LoopConstraints
+from dynident.motion.collision.constraint_slack import Balance, FollowerRates, LoopConstraints
 from dynident.motion.collision.free_space import FreeSpace, build_free_space
 from dynident.motion.collision.obstacle_geometry import Surroundings, check_surroundings
 from dynident.number_format import format_percent
@@ -180,15 +180,22 @@ class Bounds:
         """Limits of the rates of follower joints, if there are any."""
         return None if self.space is None or self.space.loops is None else self.space.loops.rated
 
-    def are_follower_rates_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
-        """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n).
+    @property
+    def balance(self) -> Balance | None:
+        """Balance of the robot on its feet, if it stands on any."""
+        return None if self.space is None else self.space.balance
+
+    def are_rates_and_balance_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
+        """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n), and the robot its balance.
 
         Parameters
         ----------
         q, dq, ddq : (m, n)
             Motion of the driven joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
         """
-        return self.follower_rates is None or self.follower_rates.are_kept(q, dq, ddq)
+        if self.follower_rates is not None and not self.follower_rates.are_kept(q, dq, ddq):
+            return False
+        return self.balance is None or self.balance.is_kept(q, dq, ddq)
 
 
 def build_bounds(
@@ -199,6 +206,7 @@ def build_bounds(
     surroundings: Surroundings | None = None,
     torque_note: str | None = None,
     at: str = "/limits",
+    balance: Balance | None = None,
 ) -> Bounds:
     """Return the limits of a design: the robot's, tightened by the experiment's own, completed by cautious assumptions.
 
@@ -216,6 +224,8 @@ def build_bounds(
         What the torque is predicted from, where that is more than the inertias of the description.
     at : str
         Pointer to the overrides in the request.
+    balance : Balance, optional
+        Balance of the robot, if it stands on its feet.
 
     Returns
     -------
@@ -230,7 +240,7 @@ def build_bounds(
     ImpossibleLimitsError
         A stated range lies outside the robot's own.
     """
-    robot.require_fixed_base("design of a motion")
+    robot.require_fixed_base("design of a motion, unless you name the feet that it stands on,")
     # Names first: the limits of a misspelt joint would otherwise be ignored.
     for name in overrides:
         if name not in robot.tree.joint_names:
@@ -262,17 +272,17 @@ def build_bounds(
         elif torque_note is None:
             notes.append(_LEAVE_ROOM)
     low, high = (np.array([_require_position(limit)[end] for limit in completed]) for end in (0, 1))
-    space = None
-    if surroundings is not None:
-        check_surroundings(surroundings, robot.joint_names)
-        space = build_free_space(robot, surroundings, low, high)
-        notes += [] if space is None else space.notes
-    # Followers are limited also where no surroundings are stated: then nothing else is in the free space.
-    loops = LoopConstraints.from_robot(robot, overrides)
-    if loops is not None:
-        empty = FreeSpace(robot, None, None, None, ())
-        space = replace(empty if space is None else space, loops=loops)
+    # Legs that stand have no range, so that the ground under them is no obstacle.
+    ends = (low, high) if balance is None else balance.hold(low, high)
+    space = _build_space(robot, overrides, surroundings, ends, balance)
+    notes += [] if space is None else space.notes
+    if robot.linkage is not None:
         notes += _note_follower_limits(robot, overrides)
+    if balance is not None:
+        notes.append(balance.note)
+        # The ground carries the legs that stand, and the torque of hanging ones says nothing: the balance limits it.
+        stands = np.isin(robot.joint_names, balance.held_names)
+        torque[stands] = power[stands] = np.inf
     return Bounds(
         names=robot.joint_names,
         position_low=low,
@@ -286,6 +296,25 @@ def build_bounds(
         notes=tuple(notes),
         space=space,
     )
+
+
+def _build_space(
+    robot: Robot,
+    overrides: Mapping[str, Limits],
+    surroundings: Surroundings | None,
+    ends: tuple[FloatArray, FloatArray],
+    balance: Balance | None,
+) -> FreeSpace | None:
+    space = None
+    if surroundings is not None:
+        check_surroundings(surroundings, robot.joint_names)
+        space = build_free_space(robot, surroundings, *ends)
+    # Followers are limited also where no surroundings are stated: then nothing else is in the free space.
+    loops = LoopConstraints.from_robot(robot, overrides)
+    if loops is None and balance is None:
+        return space
+    empty = FreeSpace(robot, None, None, None, ())
+    return replace(empty if space is None else space, loops=loops, balance=balance)
 
 
 def _note_follower_limits(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:

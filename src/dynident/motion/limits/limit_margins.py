@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
-from dynident.motion.collision.constraint_slack import LoopConstraints, word_singularity
+from dynident.motion.collision.constraint_slack import Balance, LoopConstraints, word_fall, word_singularity, word_slip
 from dynident.motion.collision.exact_distances import Approach
 from dynident.motion.collision.free_space import FreeSpace, word_contact
 from dynident.motion.joint_trajectories import Family, Motion
@@ -98,7 +98,7 @@ class AmplitudeScaler:
                 torque = self._model.torque(positions, velocities, scale * ddq)
                 if not ((np.abs(torque) <= bounds.torque) & (np.abs(torque * velocities) <= bounds.power)).all():
                     return False
-            if not bounds.are_follower_rates_kept(positions, velocities, scale * ddq):
+            if not bounds.are_rates_and_balance_kept(positions, velocities, scale * ddq):
                 return False
             return bounds.space is None or bool((bounds.space.compute_least_slack(positions) >= 0).all())
 
@@ -128,6 +128,8 @@ LimitName = Literal[
     "tool_min",
     "tool_max",
     "condition",
+    "balance",
+    "friction",
 ]
 
 
@@ -139,7 +141,7 @@ class Margin:
     ----------
     joint : str
         Name of the joint; of a clearance the two bodies, of the tool's range the axis, of the condition the closed
-        loops.
+        loops, of balance (centre of pressure from the edge of the support, m) and friction the feet.
     limit : str
         Kind of the limit.
     value : float
@@ -163,6 +165,9 @@ class Margin:
             return word_contact(self.joint, self.value, self.bound)
         if self.limit in ("tool_min", "tool_max"):
             return f"The {self.joint} would go to {self.value:.4g} m, beyond the end {self.bound:g} m of its range."
+        if self.limit in ("balance", "friction"):
+            word = word_fall if self.limit == "balance" else word_slip
+            return f"On {self.joint}, {word(self.value, self.bound)}"
         if self.limit == "condition":
             complaint = word_singularity(self.value, self.bound)
             return complaint[0].upper() + complaint[1:]
@@ -245,6 +250,7 @@ class _SurroundingsMargins:
         self._approaches: list[Approach] = []
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._followers = None if space is None or space.loops is None else _FollowerMargins(space.loops)
+        self._balance = None if space is None or space.balance is None else _BalanceMargins(space.balance)
 
     def add_motion(self, motion: Motion) -> None:
         """Take a motion into account."""
@@ -253,6 +259,8 @@ class _SurroundingsMargins:
         q = motion.q
         if self._followers is not None:
             self._followers.add_motion(motion)
+        if self._balance is not None:
+            self._balance.add_motion(motion)
         if self._space.contacts is not None:
             approaches = self._space.contacts.find_approaches(q)
             before = self._approaches or approaches
@@ -270,6 +278,7 @@ class _SurroundingsMargins:
         if self._space is None:
             return ()
         margins = [] if self._followers is None else self._followers.collect_margins()
+        margins += [] if self._balance is None else self._balance.collect_margins()
         margins += [
             Margin(
                 approach.name,
@@ -342,6 +351,41 @@ class _FollowerMargins:
         return margins
 
 
+class _BalanceMargins:
+    """Smallest distance of the centre of pressure from the edge, friction and torque of standing legs, over motions."""
+
+    def __init__(self, balance: Balance) -> None:
+        self._balance = balance
+        self._distance, self._friction = np.inf, 0.0
+        self._torque = np.zeros(len(balance.held_names))
+
+    def add_motion(self, motion: Motion) -> None:
+        """Take a motion into account, and rest in each of its postures."""
+        still = np.zeros_like(motion.q)
+        for rates in ((motion.dq, motion.ddq), (still, still)):
+            extremes = self._balance.measure(motion.q, *rates)
+            self._distance = min(self._distance, extremes.distance)
+            self._friction = max(self._friction, extremes.friction)
+            self._torque = np.maximum(self._torque, extremes.torque)
+
+    def collect_margins(self) -> list[Margin]:
+        """Return the margins of balance, friction, and each limited joint of the legs."""
+        standing, limits = self._balance.standing, self._balance.torque_limits
+        feet = ", ".join(standing.feet)
+        # Without a stated margin, the edge itself must not be crossed: a share of nothing.
+        used = standing.margin / self._distance if self._distance > 0 else np.inf
+        shares = _clip_share(self._torque / limits, self._torque <= limits)
+        return [
+            Margin(feet, "balance", self._distance, standing.margin, used),
+            Margin(feet, "friction", self._friction, standing.friction, self._friction / standing.friction),
+            *(
+                Margin(name, "torque", float(self._torque[k]), float(limits[k]), float(shares[k]))
+                for k, name in enumerate(self._balance.held_names)
+                if np.isfinite(limits[k])
+            ),
+        ]
+
+
 def find_tightest(margins: Sequence[Margin]) -> Margin:
     """Return the margin with the largest share."""
     return max(margins, key=lambda margin: margin.share)
@@ -356,5 +400,7 @@ def build_limit_error(margins: Sequence[Margin]) -> ImpossibleLimitsError:
     """Return the error that names the limit that is broken most."""
     worst = find_tightest(margins)
     # The pointer leads to the part of the request that has to change.
-    place = "/limits" if worst.limit not in ("clearance", "tool_min", "tool_max") else "/surroundings"
+    places = dict.fromkeys(("clearance", "tool_min", "tool_max"), "/surroundings")
+    places |= dict.fromkeys(("balance", "friction"), "/standing")
+    place = places.get(worst.limit, "/limits")
     return ImpossibleLimitsError(worst.complaint, pointer=place, title="Impossible limits")

@@ -1,0 +1,355 @@
+"""Designs for robots on their feet keep the centre of pressure inside the support, by Pinocchio and in MuJoCo."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
+from support.standing_robots import FEET, HOME, LEGS, SOLE, STANDER
+
+import dynident as dy
+from dynident.errors import DynidentError
+from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
+from dynident.excitation.standing_feet import StandingBalance, build_standing_balance
+from dynident.motion import Margin, Standing, Surroundings
+from dynident.presentation.design_tables import describe_design
+from dynident.robot import Description, Robot, robot_from_description
+
+FloatArray = NDArray[np.float64]
+STIFFNESS, DELAY = 8000.0, 0.02
+"""Of position servos in MuJoCo: N m/rad, and s by which their damping makes them late. The trunk sways on soft legs."""
+REQUEST = DesignRequest(
+    trajectory=TrajectoryRequest(duration=4.0, harmonics=4, periods=1),
+    home=HOME,
+    standing=Standing(FEET),
+    starts=1,
+    random_trajectories=20,
+)
+
+
+@cache
+def stander() -> Robot:
+    return robot_from_description("stander", Description("urdf", STANDER))
+
+
+@cache
+def designed() -> Design:
+    return design_experiment(stander(), REQUEST)
+
+
+def find_margin(design: Design, limit: str) -> Margin:
+    return next(margin for margin in design.margins if margin.limit == limit)
+
+
+class FreeFlyer:
+    """Wrench of the ground, and place of the soles, by Pinocchio."""
+
+    def __init__(self) -> None:
+        self.model = pin.buildModelFromXML(STANDER, pin.JointModelFreeFlyer())
+        self.data = self.model.createData()
+        self.order = [self.model.joints[self.model.getJointId(name)].idx_v - 6 for name in stander().joint_names]
+
+    def place(self, q: FloatArray) -> FloatArray:
+        """Return a configuration with the trunk at the origin of the world."""
+        configuration = pin.neutral(self.model)
+        configuration[7 + np.array(self.order)] = q
+        return configuration
+
+    def locate_soles(self, q: FloatArray) -> tuple[FloatArray, FloatArray, list[int]]:
+        """Return the points (8, 3) of the soles, their normal, and the joints that carry them."""
+        pin.framesForwardKinematics(self.model, self.data, self.place(q))
+        frames = [self.data.oMf[self.model.getFrameId(name)] for name in FEET]
+        points = np.concatenate([SOLE @ frame.rotation.T + frame.translation for frame in frames])
+        joints = [self.model.frames[self.model.getFrameId(name)].parentJoint for name in FEET for _ in SOLE]
+        return points, frames[0].rotation[:, 2], joints
+
+    def compute(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the wrench about the trunk's origin, and the torque of all joints without forces at the feet."""
+        self.model.gravity.linear = -9.81 * self.locate_soles(np.array(HOME))[1]
+        rates = np.zeros((2, self.model.nv))
+        rates[:, 6 + np.array(self.order)] = dq, ddq
+        torque = pin.rnea(self.model, self.data, self.place(q), *rates)
+        return torque[:6], torque[6 + np.array(self.order)]
+
+
+def compute_pressure_distance(wrench: FloatArray, points: FloatArray, normal: FloatArray) -> float:
+    """Return how far inside of the hull of the points the centre of pressure is."""
+    centre = points.mean(axis=0)
+    moment = wrench[3:] - np.cross(centre, wrench[:3])
+    along = np.linalg.svd(np.outer(normal, normal))[2][1:]
+    pressure = along @ np.cross(normal, moment) / (normal @ wrench[:3])
+    hull = ConvexHull((points - centre) @ along.T)
+    return float(-(hull.equations[:, :2] @ pressure + hull.equations[:, 2]).max())
+
+
+def find_needed_friction(wrench: FloatArray, points: FloatArray, normal: FloatArray) -> float:
+    """Return the least friction with which forces at the points have a wrench, by bisection; cones of 32 sides."""
+    along = np.linalg.svd(np.outer(normal, normal))[2][1:]
+    angles = 2 * np.pi * np.arange(32) / 32
+    low, high = 0.0, 2.0
+    for _ in range(20):
+        friction = 0.5 * (low + high)
+        edges = normal + friction * np.column_stack([np.cos(angles), np.sin(angles)]) @ along
+        rays = np.array([[*edge, *np.cross(point, edge)] for point in points for edge in edges]).T
+        feasible = linprog(np.zeros(rays.shape[1]), A_eq=rays, b_eq=wrench).status == 0
+        low, high = (low, friction) if feasible else (friction, high)
+    return high
+
+
+def test_balance_friction_and_torque_of_the_legs_are_those_of_a_free_flyer() -> None:
+    design, pinocchio = designed(), FreeFlyer()
+    points, normal, carriers = pinocchio.locate_soles(np.array(HOME))
+    assert normal[2] < 0.999  # the trunk leans
+    still = np.zeros(5)
+    wrenches, torques = [], []
+    for q, dq, ddq in zip(design.q, design.dq, design.ddq, strict=True):
+        for rates in ((dq, ddq), (still, still)):
+            wrench, torque = pinocchio.compute(q, *rates)
+            wrenches.append(wrench)
+            forces = np.linalg.lstsq(np.hstack([np.vstack([np.eye(3), pin.skew(p)]) for p in points]), wrench)[0]
+            for point, force, carrier in zip(points, forces.reshape(-1, 3), carriers, strict=True):
+                axis = pinocchio.data.oMi[carrier].rotation[:, 1]
+                index = stander().joint_names.index(pinocchio.model.names[carrier])
+                torque[index] -= axis @ np.cross(point - pinocchio.data.oMi[carrier].translation, force)
+            torques.append(np.abs(torque))
+    distances = [compute_pressure_distance(wrench, points, normal) for wrench in wrenches]
+    # The design looks at ten times as many samples.
+    reached = find_margin(design, "balance").value
+    assert 0.01 <= reached <= min(distances) < reached + 5e-4
+    largest = np.max(torques, axis=0)
+    for name in ("left_hip", "right_hip"):
+        margin = next(row for row in design.margins if (row.joint, row.limit) == (name, "torque"))
+        assert 1.0 <= margin.value / largest[stander().joint_names.index(name)] < 1.01
+    sideways = [np.linalg.norm(wrench[:3] - normal * (normal @ wrench[:3])) for wrench in wrenches]
+    worst = wrenches[int(np.argmax(sideways))]
+    balance = build_balance()
+    # The pyramids of eight sides are up to 8 % narrower than the cones.
+    k = int(np.argmax(sideways)) // 2
+    reported = balance.measure(design.q[k : k + 1], design.dq[k : k + 1], design.ddq[k : k + 1]).friction
+    needed = find_needed_friction(worst, points, normal)
+    assert needed * 0.999 <= reported <= needed * 1.09
+    assert reported <= find_margin(design, "friction").value <= 0.5
+
+
+def build_balance(standing: Standing = REQUEST.standing) -> StandingBalance:
+    return build_standing_balance(stander(), standing, np.array(HOME), np.full(5, 60.0), Surroundings())
+
+
+def test_legs_stay_and_the_result_says_where_the_pressure_goes() -> None:
+    design = designed()
+    assert design.request.trajectory.joints == ("mast_joint", "shoulder", "elbow")
+    np.testing.assert_array_equal(design.q[:, LEGS], np.full((len(design.q), 2), 0.1))
+    balance = find_margin(design, "balance")
+    assert balance.joint == "left_foot, right_foot"
+    assert balance.share == pytest.approx(balance.bound / balance.value)
+    sentence = describe_design(design)
+    assert f"stays {balance.value:.3g} m inside the support" in sentence
+    assert f"friction of {find_margin(design, 'friction').value:.2g}." in sentence
+    assert any("stands on left_foot, right_foot" in note for note in design.notes)
+    assert design.baseline is not None
+    assert design.criterion_values.criterion < design.baseline.best.criterion
+    # The hand is kept off the ground; the feet, which stand on it, are not.
+    assert [wall.name for wall in design.request.surroundings.walls] == ["ground"]
+    assert any("no motion changes their distance: left_foot – wall 'ground'" in note for note in design.notes)
+
+
+def test_the_slack_has_exact_derivatives() -> None:
+    balance, rng = build_balance(), np.random.default_rng(1)
+    motion = [np.array(HOME) + 0.2 * rng.standard_normal((4, 5)), *rng.standard_normal((2, 4, 5))]
+    slack = balance.evaluate_motion(*motion)
+    weights = rng.standard_normal(slack.values.shape)
+    for part, gradient in enumerate(slack.pull_back_motion(weights)):
+        for joint in range(5):
+            ends = []
+            for sign in (1, -1):
+                moved = [array.copy() for array in motion]
+                moved[part][:, joint] += sign * 1e-6
+                ends.append((balance.evaluate_motion(*moved).values * weights).sum(axis=1))
+            np.testing.assert_allclose(gradient[:, joint], (ends[0] - ends[1]) / 2e-6, rtol=1e-5, atol=1e-6)
+
+
+def test_what_holds_at_rest_and_at_full_speed_holds_at_every_lower_speed() -> None:
+    design, balance = designed(), build_balance()
+    full = np.minimum(
+        balance.evaluate_motion(design.q, design.dq, design.ddq).values, balance.evaluate(design.q).values
+    )
+    for speed in (0.3, 0.7):
+        slack = balance.evaluate_motion(design.q, speed * design.dq, speed**2 * design.ddq).values
+        assert (slack >= full - 1e-12).all()
+
+
+def test_points_are_as_good_as_a_sole() -> None:
+    points = tuple(f"{foot}@{','.join(map(str, point))}" for foot in FEET for point in SOLE)
+    balance = build_balance(replace(REQUEST.standing, feet=points))
+    q = np.array(HOME)[None]
+    assert balance.measure(q, 0 * q, 0 * q).distance == pytest.approx(build_balance().measure(q, 0 * q, 0 * q).distance)
+
+
+REFUSED: dict[str, tuple[DesignRequest, str, str]] = {
+    "falls": (replace(REQUEST, home=(-0.35, 0.0, -0.35, 0.2, 0.0)), "/home", "the centre of pressure"),
+    "not flat": (replace(REQUEST, home=(0.0, 0.0, 0.2, 0.0, 0.0)), "/home", "not on one plane"),
+    "a line": (
+        replace(REQUEST, standing=Standing(("left_foot@0,0,0", "right_foot@0,0,0"))),
+        "/standing/feet",
+        "a line",
+    ),
+    "no link": (replace(REQUEST, standing=Standing(("hand",))), "/standing/feet/0", "no link 'hand'"),
+    "no sole": (
+        replace(REQUEST, standing=Standing(("left_foot", "mast"))),
+        "/standing/feet/1",
+        "no collision geometry",
+    ),
+    "unreadable": (replace(REQUEST, standing=Standing(("left_foot@1",))), "/standing/feet/0", "cannot be read"),
+    "a leg moves": (
+        replace(REQUEST, trajectory=replace(REQUEST.trajectory, joints=("left_hip", "elbow"))),
+        "/trajectory/joints",
+        "left_hip cannot move",
+    ),
+    "a set": (replace(REQUEST, kind="sequential"), "/kind", "legs that stand"),
+    "weak legs": (
+        replace(REQUEST, limits={"left_hip": dy.Limits(effort=0.5)}),
+        "/home",
+        "'left_hip' of a leg that stands",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_stand_is_refused_with_a_reason(case: str) -> None:
+    request, pointer, reason = REFUSED[case]
+    with pytest.raises(DynidentError, match=reason) as refused:
+        design_experiment(stander(), request)
+    assert refused.value.pointer == pointer
+
+
+def test_a_floating_robot_is_held_by_its_feet() -> None:
+    floating = dy.set_base(stander(), "floating", FEET)
+    request = replace(REQUEST, kind="random", random_trajectories=2)
+    design = design_experiment(floating, request)
+    assert design.joint_names == stander().joint_names
+    np.testing.assert_array_equal(design.q, design_experiment(stander(), request).q)
+    # Its samples, and a simulation of it, are those of the joints alone, with gravity as the trunk leans.
+    motion = dy.design(floating, request)
+    assert len(motion.to_frame()) == len(design.t)
+    assert motion.robot.base == "fixed"
+    assert motion.robot.gravity[0] == pytest.approx(-9.81 * np.sin(0.1))
+    assert motion.simulate().recordings[0].joint_names == stander().joint_names
+    with pytest.raises(DynidentError, match="feet that it stands on"):
+        design_experiment(floating, replace(request, standing=Standing()))
+
+
+def test_one_joint_at_a_time_and_points_keep_the_balance() -> None:
+    for request in (
+        replace(REQUEST, kind="slow_sweep"),
+        replace(REQUEST, trajectory=replace(REQUEST.trajectory, family="point_to_point", points=4)),
+    ):
+        design = design_experiment(stander(), replace(request, random_trajectories=5))
+        assert find_margin(design, "balance").value >= 0.01
+        np.testing.assert_array_equal(np.ptp(design.q[:, LEGS], axis=0), 0.0)
+
+
+def build_engine(urdf: str, feet: dict[str, FloatArray], radius: float, joints: tuple[str, ...]) -> mujoco.MjModel:
+    """Return a robot with balls under its soles on a floor, with a position servo for each joint."""
+    tree = ET.fromstring(urdf)
+    for parent in list(tree.iter()):
+        for child in list(parent):
+            if child.tag in ("visual", "collision", "mujoco"):
+                parent.remove(child)
+    roots = {link.get("name") for link in tree.iter("link")} - {child.get("link") for child in tree.iter("child")}
+    ET.SubElement(tree, "link", name="world_of_root")
+    joint = ET.SubElement(tree, "joint", name="root", type="floating")
+    ET.SubElement(joint, "parent", link="world_of_root")
+    ET.SubElement(joint, "child", link=str(roots.pop()))
+    ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", fusestatic="true", balanceinertia="true")
+    spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+    spec.option.timestep = 1e-3
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], friction=[0.5, 0, 0], condim=3)
+    for link, points in feet.items():
+        for point in points:
+            spec.body(link).add_geom(
+                type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], pos=point, mass=0.0,
+                friction=[0.5, 0, 0], condim=3, solref=[0.005, 1.0],
+            )  # fmt: skip
+    for name in joints:
+        servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_position(kp=STIFFNESS, kv=DELAY * STIFFNESS)
+    model = spec.compile()
+    # Rotors, without which the light wrists of a humanoid would be too quick for the step; no saturation.
+    model.dof_armature[6:], model.jnt_actfrclimited[:] = 0.01, 0
+    model.geom_contype[:], model.geom_conaffinity[:] = 2, 1
+    model.geom_contype[0], model.geom_conaffinity[0] = 1, 2
+    return model
+
+
+def play(model: mujoco.MjModel, design: Design, up: FloatArray, lowest: float) -> tuple[float, float]:
+    """Return the largest turn of the trunk (rad) and move of its origin (m) while servos follow a design."""
+    data = mujoco.MjData(model)
+    turn = pin.Quaternion.FromTwoVectors(up, np.array([0.0, 0.0, 1.0]))
+    data.qpos[2], data.qpos[3:7] = -lowest, [turn.w, turn.x, turn.y, turn.z]
+    places = [int(model.joint(name).qposadr[0]) for name in design.joint_names]
+    data.qpos[places] = design.q[0]
+    for _ in range(500):  # settles on its soles
+        data.ctrl[:] = design.q[0]
+        mujoco.mj_step(model, data)
+    first, start = data.qpos[3:7].copy(), data.qpos[:3].copy()
+    largest_turn = largest_move = 0.0
+    for t in np.arange(0.0, design.t[-1], model.opt.timestep):
+        data.ctrl[:] = [np.interp(t + DELAY, design.t, design.q[:, j]) for j in range(len(places))]
+        mujoco.mj_step(model, data)
+        largest_turn = max(largest_turn, 2 * float(np.arccos(min(1.0, abs(first @ data.qpos[3:7])))))
+        largest_move = max(largest_move, float(np.linalg.norm(data.qpos[:3] - start)))
+    return largest_turn, largest_move
+
+
+@cache
+def designed_while_held() -> Design:
+    """Return the design of a robot whose trunk is held, with the same joints."""
+    names = designed().request.trajectory.joints
+    return design_experiment(
+        stander(), replace(REQUEST, standing=Standing(), trajectory=replace(REQUEST.trajectory, joints=names))
+    )
+
+
+def test_without_feet_the_same_request_would_tip_the_robot() -> None:
+    design = designed_while_held()
+    assert build_balance().measure(design.q, design.dq, design.ddq).distance < 0.0
+
+
+@pytest.mark.slow
+def test_a_robot_in_mujoco_stands_through_a_design_and_tips_without_the_constraint() -> None:
+    points, up, _ = FreeFlyer().locate_soles(np.array(HOME))
+    model = build_engine(STANDER, dict.fromkeys(FEET, SOLE + np.array([0.0, 0.0, 0.005])), 0.005, stander().joint_names)
+    lowest = float((points @ up).min())
+    turn, move = play(model, designed(), up, lowest)
+    assert turn < 0.025
+    assert move < 0.01
+    # Its soles leave the ground.
+    assert play(model, designed_while_held(), up, lowest)[0] > 0.05
+
+
+@pytest.mark.slow
+def test_a_humanoid_in_mujoco_stands_while_its_arms_and_waist_move() -> None:
+    robot = dy.load_robot("g1")
+    feet = ("left_ankle_roll_link", "right_ankle_roll_link")
+    request = DesignRequest(
+        trajectory=TrajectoryRequest(duration=5.0, periods=1), standing=Standing(feet), starts=1, random_trajectories=10
+    )
+    design = design_experiment(robot, request)
+    assert len(design.request.trajectory.joints) == 17
+    assert find_margin(design, "balance").value >= 0.01
+    soles = np.array([[-0.05, 0.025, -0.03], [-0.05, -0.025, -0.03], [0.12, 0.03, -0.03], [0.12, -0.03, -0.03]])
+    model = build_engine(robot.description.content, dict.fromkeys(feet, soles), 0.005, robot.joint_names)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    turn, move = play(model, design, np.array([0.0, 0.0, 1.0]), float(data.body(feet[0]).xpos[2]) - 0.035)
+    assert turn < 0.03
+    assert move < 0.02
