@@ -12,6 +12,7 @@ from support.drawn_recordings import guess, log
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import set_drive_gains
+from dynident.identification.column_inference.column_names import read_name
 from dynident.identification.column_inference.column_statistics import Sample, find_clock_columns
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Proposal
@@ -490,3 +491,25 @@ def test_a_pendulum_is_as_long_as_its_link_and_may_turn_over(largest: float, tur
     found = guess(robot, {"time": t, "position": q, "torque": tau})
     assert found.units.get("tau") is None
     assert found.units.get("q") is None
+
+
+def test_noisy_accelerations_are_told_from_torques_at_any_rate() -> None:
+    for rate in (25.0, 100.0):
+        q, dq, ddq = swing(rate, 1.0)
+        random = np.random.default_rng(4)
+        rise = ddq + random.normal(size=q.shape) * 0.9 * ddq.std(axis=0)
+        tau = 5.0 * np.sin(q) + np.sign(dq)
+        found = identify_unnamed_columns(
+            np.arange(len(q)) / rate, np.column_stack([q, dq, rise, tau]), range(24), 6, lambda *_: 1.0
+        )
+        assert found is not None
+        assert (found.positions, found.efforts) == (tuple(range(6)), tuple(range(18, 24)))
+
+
+@pytest.mark.parametrize(
+    ("name", "signal"),
+    [("qDot1", "dq"), ("dataDotQ_2", "dq"), ("theta_dot_1", "dq"), ("qDDot3", "ddq"), ("dDotQ1", "ddq"), ("q_1", "q")],
+)
+def test_dots_and_letters_d_say_how_often_a_position_is_derived(name: str, signal: str) -> None:
+    column = read_name(name)
+    assert (column.signal, column.commanded) == (signal, False)

@@ -23,6 +23,8 @@ _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
 _SAME_FACTOR = 0.02
 """Relative difference of the factors of velocities over slopes, which differ by noise and filters alone."""
+_NOISY, _FAR = 0.5, 3.0
+"""Least correlation of noisy accelerations with the slope of the velocities, and its ratio to that of torques."""
 _STILL = 0.01
 """Spread of a joint that stands, at most, as a share of the largest."""
 _GAP = 3.0
@@ -163,9 +165,12 @@ def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], 
     best: tuple[float, list[list[int]]] | None = None
     for blocks in _list_layouts(n, 4):
         for first, second, third, rest in permutations(blocks):
-            correlated = float(min(np.median(correlation[first, second]), np.median(correlation[second, third])))
-            if correlated > SLOPE and (best is None or correlated > best[0]):
-                best = correlated, [first, second, rest]
+            pairs = (first, second), (second, third), (second, rest)
+            rate, rise, other = (float(np.median(correlation[pair])) for pair in pairs)
+            # Derived twice, accelerations are noisy: they are far more like the velocities' slope than the rest is.
+            is_rise = rise > SLOPE or (rise > _NOISY and rise > _FAR * other)
+            if rate > SLOPE and is_rise and (best is None or rate + rise > best[0]):
+                best = rate + rise, [first, second, rest]
     if best is None:
         return None
     q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
