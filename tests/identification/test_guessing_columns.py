@@ -513,3 +513,24 @@ def test_noisy_accelerations_are_told_from_torques_at_any_rate() -> None:
 def test_dots_and_letters_d_say_how_often_a_position_is_derived(name: str, signal: str) -> None:
     column = read_name(name)
     assert (column.signal, column.commanded) == (signal, False)
+
+
+def test_counted_joints_of_a_hand_are_not_those_of_the_arm_beside_it() -> None:
+    q, _, ddq = swing(100.0, 1.0)
+    joints = ("SP", "SR", "WP", "WR", "ELBOW", "BASE")
+    arm_names = [f"{signal}_{joint}" for signal in ("q", "tau") for joint in joints]
+    hand_names = [f"{signal}_hand{j + 1}" for signal in ("q", "tau") for j in range(8)]
+    still = np.zeros((len(q), 2))
+    values = np.column_stack([np.arange(len(q)) / 100.0, q, ddq, 0.5 * q, still, 0.5 * ddq, still])
+    found = propose(Sample(("t", *arm_names, *hand_names), values, {}), ROBOT)
+    assert not any("hand" in column for column in found.columns.values())
+    assert {"columns/q", "columns/tau"} <= {question.field for question in found.questions}
+
+
+def test_the_only_position_and_torque_of_a_robot_with_several_joints_say_so() -> None:
+    q, _, ddq = swing(100.0, 1.0)
+    values = np.column_stack([np.arange(len(q)) / 100.0, q[:, 0], q[:, 0], ddq[:, 0]])
+    found = propose(Sample(("time", "q_des", "q_act", "torque"), values, {}), ROBOT)
+    details = {question.field: question.detail for question in found.questions}
+    assert "q_act is of one joint, but the robot has 6" in details["columns/q"]
+    assert "torque is of one joint, but the robot has 6" in details["columns/tau"]
