@@ -419,7 +419,7 @@ def _classify_signal(plain: list[str]) -> Signal | None:
             # The last word that names a kind decides: current_position is a position.
             if kind is None or len(word) > 1:
                 kind = signal
-    if kind in (rates := ("q", "dq", "ddq")):
+    if kind in (rates := _SLIDING[:3]):
         # Derived as often as dots or letters d say: qDot, theta_ddot, ddQ.
         letters = re.match(r"(d{1,2})(?:q|theta)", "".join(plain))
         order = sum(map(("", "dot", "ddot").index, {"dot", "ddot"} & set(plain)))

@@ -201,7 +201,7 @@ def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collecti
     str
         A sentence with a space before it; "" where there is none, or several.
     """
-    measured = [column.name for column in named if column.signal in signals and column.rank < _COMMANDED_RANK]
+    measured = [column.name for column in named if column.signal in signals and column.rank < COMMANDED_RANK]
     if n == 1 or len(measured) != 1:
         return ""
     return (
@@ -210,7 +210,8 @@ def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collecti
     )
 
 
-_COMMANDED_RANK = 4
+COMMANDED_RANK = 4
+"""Rank of a column from which on its name says that it is a command."""
 
 
 def describe_waves(named: Sequence[ColumnName]) -> str:
