@@ -380,7 +380,8 @@ def group_other_names(
     for signal in _OF_JOINTS:
         columns = [index for index in rest if named[index].signal == signal and named[index].rank < COMMANDED_RANK]
         words = [frozenset(named[index].words) for index in columns]
-        if len(columns) >= n > 1 and signal not in taken:
+        is_uniform = len({not named[index].numbers for index in columns}) == 1  # or a counted hand is beside the arm
+        if len(columns) >= n > 1 and signal not in taken and is_uniform:
             own = [each - frozenset.intersection(*words) for each in words]
             if all(own) and len(set(own)) == len(own):
                 members[signal], joints[signal] = columns, own
@@ -398,9 +399,8 @@ def group_other_names(
     )
     if share > _EXPLAINED or (others and others[0][0] < _CLEARLY * share):
         return []
-    reason = "as many columns as joints, in the order of the file, as their names are of none of the robot's joints"
-    if others:
-        reason = "those of the columns beside each other, as many as joints, that the robot's dynamics explain"
+    of_all = "as many columns as joints, in the order of the file, as their names are of none of the robot's joints"
+    reason = "those of the columns beside each other that the robot's dynamics explain" if others else of_all
     start = {signal: further if first == spare["q"] else first for signal, further in spare.items()}
     return [
         ColumnGroup(chosen, signal, named[chosen[0]].unit, named[chosen[0]].rank, named[chosen[0]], reason)
