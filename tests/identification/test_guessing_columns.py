@@ -12,6 +12,7 @@ from support.drawn_recordings import guess, log
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
 from dynident.api.robot_files import set_drive_gains
+from dynident.identification.column_inference.column_names import read_name
 from dynident.identification.column_inference.column_statistics import Sample, find_clock_columns
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.metadata_proposal import Proposal
@@ -490,3 +491,46 @@ def test_a_pendulum_is_as_long_as_its_link_and_may_turn_over(largest: float, tur
     found = guess(robot, {"time": t, "position": q, "torque": tau})
     assert found.units.get("tau") is None
     assert found.units.get("q") is None
+
+
+def test_noisy_accelerations_are_told_from_torques_at_any_rate() -> None:
+    for rate in (25.0, 100.0):
+        q, dq, ddq = swing(rate, 1.0)
+        random = np.random.default_rng(4)
+        rise = ddq + random.normal(size=q.shape) * 0.9 * ddq.std(axis=0)
+        tau = 5.0 * np.sin(q) + np.sign(dq)
+        found = identify_unnamed_columns(
+            np.arange(len(q)) / rate, np.column_stack([q, dq, rise, tau]), range(24), 6, lambda *_: 1.0
+        )
+        assert found is not None
+        assert (found.positions, found.efforts) == (tuple(range(6)), tuple(range(18, 24)))
+
+
+@pytest.mark.parametrize(
+    ("name", "signal"),
+    [("qDot1", "dq"), ("dataDotQ_2", "dq"), ("theta_dot_1", "dq"), ("qDDot3", "ddq"), ("dDotQ1", "ddq"), ("q_1", "q")],
+)
+def test_dots_and_letters_d_say_how_often_a_position_is_derived(name: str, signal: str) -> None:
+    column = read_name(name)
+    assert (column.signal, column.commanded) == (signal, False)
+
+
+def test_counted_joints_of_a_hand_are_not_those_of_the_arm_beside_it() -> None:
+    q, _, ddq = swing(100.0, 1.0)
+    joints = ("SP", "SR", "WP", "WR", "ELBOW", "BASE")
+    arm_names = [f"{signal}_{joint}" for signal in ("q", "tau") for joint in joints]
+    hand_names = [f"{signal}_hand{j + 1}" for signal in ("q", "tau") for j in range(8)]
+    still = np.zeros((len(q), 2))
+    values = np.column_stack([np.arange(len(q)) / 100.0, q, ddq, 0.5 * q, still, 0.5 * ddq, still])
+    found = propose(Sample(("t", *arm_names, *hand_names), values, {}), ROBOT)
+    assert not any("hand" in column for column in found.columns.values())
+    assert {"columns/q", "columns/tau"} <= {question.field for question in found.questions}
+
+
+def test_the_only_position_and_torque_of_a_robot_with_several_joints_say_so() -> None:
+    q, _, ddq = swing(100.0, 1.0)
+    values = np.column_stack([np.arange(len(q)) / 100.0, q[:, 0], q[:, 0], ddq[:, 0]])
+    found = propose(Sample(("time", "q_des", "q_act", "torque"), values, {}), ROBOT)
+    details = {question.field: question.detail for question in found.questions}
+    assert "q_act is of one joint, but the robot has 6" in details["columns/q"]
+    assert "torque is of one joint, but the robot has 6" in details["columns/tau"]

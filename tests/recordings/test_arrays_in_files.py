@@ -429,3 +429,59 @@ def test_structures_that_are_rows_are_named_beside_settings_too(tmp_path, versio
                 file.create_dataset(f"log/{name}", data=targets, dtype=h5py.ref_dtype)
     with pytest.raises(RecordingError, match=r"array of structures, one for each row: .* q = vertcat\(log\.q\)"):
         open_source(path, None)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("is_wide", [False, True])
+def test_files_of_version_4_are_read_as_scipy_reads_them(tmp_path, order, is_wide):
+    path, random = tmp_path / "run.mat", np.random.default_rng(5)
+    signals = {"q": numbers("f8", (ROWS, 3), 1), "tau": numbers("f4", (ROWS, 3), 2), "ticks": numbers("i2", (ROWS,), 3)}
+    if order == "<":
+        scipy_io.savemat(path, {**signals, "note": "hello", "z": random.normal(size=4) * 1j}, format="4")
+    else:
+        kinds = {"f8": 0, "f4": 10, "i2": 30}
+        with path.open("wb") as file:
+            for name, values in signals.items():
+                wide = np.atleast_2d(values.T).T
+                head = np.array([1000 + kinds[values.dtype.str[1:]], *wide.shape, 0, len(name) + 1], dtype=">i4")
+                file.write(head.tobytes() + name.encode() + b"\0" + wide.T.astype(f">{values.dtype.str[1:]}").tobytes())
+    known = scipy_io.loadmat(path)
+    if is_wide:
+        scipy_io.savemat(path, {name: known[name].T for name in signals}, format="4")
+    assert format_of(path) == "mat"
+    found = columns_of(path)
+    for name in ("q", "tau"):
+        wide = np.column_stack([found[f"{name}{j + 1}"] for j in range(3)])
+        assert np.array_equal(wide, known[name].astype(float))
+    assert np.array_equal(found["ticks"], known["ticks"].ravel().astype(float))
+    path.write_bytes(path.read_bytes()[:-3])
+    with pytest.raises(RecordingError):
+        columns_of(path)
+
+
+def test_what_only_matlab_can_read_says_how_to_save_it(tmp_path):
+    def element(code: int, data: bytes) -> bytes:
+        return np.array([code, len(data)], dtype="<u4").tobytes() + data + b"\0" * (-len(data) % 8)
+
+    numbers_of_object = element(14, element(6, np.array([13, 0], dtype="<u4").tobytes()))
+    texts = (element(1, word) for word in (b"log", b"MCOS", b"table"))
+    table = element(14, element(6, np.array([17, 0], dtype="<u4").tobytes()) + b"".join(texts) + numbers_of_object)
+    path = tmp_path / "table.mat"
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + table)
+    with pytest.raises(RecordingError, match=r"log is an object of MATLAB \(table\): .* writetable\(log, 'run.csv'\)"):
+        open_source(path, None)
+    with h5py.File(tmp_path / "logged.mat", "w") as file:
+        file["data"] = np.zeros((1, 6), dtype="u4")
+        file["data"].attrs["MATLAB_class"] = np.bytes_("Simulink.SimulationData.Dataset")
+        file["data"].attrs["MATLAB_object_decode"] = 3
+    with pytest.raises(RecordingError, match=r"data is an object of MATLAB \(Simulink.SimulationData.Dataset\)"):
+        open_source(tmp_path / "logged.mat", None)
+
+
+def test_cells_that_are_rows_say_how_to_save_them(tmp_path):
+    rows = np.empty(200, dtype=object)
+    rows[:] = [np.full(3, 0.1 * k) for k in range(200)]
+    savemat(tmp_path / "rows.mat", {"q": rows, "t": np.arange(200) * 0.01})
+    source = open_source(tmp_path / "rows.mat", None)
+    assert source.names == ["t"]
+    assert any("q is a cell array" in remark and "vertcat(q{:})" in remark for remark in source.remarks)

@@ -877,19 +877,30 @@ def test_a_remark_that_begins_like_an_answer_of_a_query_is_a_remark(tmp_path, fi
 
 
 @pytest.mark.parametrize(
-    "rows",
+    ("rows", "has_names"),
     [
-        [
-            f"{0.01 * i:.2f},{key},{i % 7}.5,{kind}"
-            for i in range(60)
-            for key in ("j1", "j2")
-            for kind in ("pos", "trq")
-        ],
-        [f"{0.01 * i:.2f},{('move', 'hold')[i // 5 % 2]},{i % 7}.5,OK" for i in range(60)],
+        (
+            [
+                f"{0.01 * i:.2f},{key},{i % 7}.5,{kind}"
+                for i in range(60)
+                for key in ("j1", "j2")
+                for kind in ("pos", "trq")
+            ],
+            True,
+        ),
+        ([f"{0.01 * i:.2f},{('move', 'hold')[i // 5 % 2]},{i % 7}.5,OK" for i in range(60)], False),
     ],
 )
-def test_words_behind_values_that_are_no_types_are_not_left_out(tmp_path, rows):
-    assert open_names(tmp_path, rows) == tuple(rows[0].split(","))
+def test_words_behind_values_that_are_no_types_are_not_left_out(tmp_path, rows, has_names):
+    # Words that the next row repeats are values: there are no names then.
+    assert open_names(tmp_path, rows) == (tuple(rows[0].split(",")) if has_names else (*counted("column{}", 4, 1),))
+
+
+def test_a_file_without_names_may_have_columns_of_words(tmp_path):
+    rows = [f"2,2,0,{100 + i},{-100 - i},{i % 7},R,R" for i in range(60)]
+    source = open_source(written(tmp_path / "ticks.csv", "\n".join([*rows, ""])), None)
+    assert source.names == list(counted("column{}", 8, 1))
+    assert sum(batch.num_rows for batch in source.batches(["column4"])) == 60
 
 
 def test_a_word_that_changes_behind_the_looked_at_rows_is_named(tmp_path):

@@ -237,21 +237,23 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     header = _skip_titles(lines, header)
     text = lines[header].lstrip("#% ").rstrip("\r\n")
     below = [line for line in lines[header : header + 20] if line.strip()]
-    if _is_data(text) or _is_marked_row(below):
-        delimiter, comma = _detect_number_format(below)
-        fields = _split_fields(text, delimiter)
-        counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
-        return delimiter, comma, _Header(make_counted_names("column", len(fields)), header + counts)
+    is_row = _is_data(text) or _is_marked_row(below)
     # Names and units may have commas: what stands as often between the names as in every row separates both.
     alike = (sign for sign in ";\t|" if len({line.count(sign) for line in (text, *lines[-20:]) if line}) == 1)
     delimiter = next((sign for sign in alike if text.count(sign) > 1), None) or _find_delimiter(text)
     width = Counter(len(_split_fields(line, delimiter)) for line in below).most_common(1)[0][0]
     # Messages of other senders, with fewer joints, may stand between those of the arm. A line of names has no numbers.
-    has_numbers = any(map(_is_number, _split_fields(text, delimiter)))
+    has_numbers = not is_row and any(map(_is_number, _split_fields(text, delimiter)))
     messages = [line for line in below if len(_split_fields(line, delimiter)) == width] if has_numbers else []
     cells = [[None if _is_number(cell) else cell for cell in _split_fields(line, delimiter)] for line in messages[:2]]
     if (names := packed_messages.name_message_columns(cells) or packed_messages.name_value_columns(cells)) is not None:
         return delimiter, False, _Header(names, header)
+    # Words between numbers that the next row repeats are values, as those of a state.
+    if is_row or (len(cells) > 1 and any(cells[0]) and cells[0] == cells[1]):
+        delimiter, comma = _detect_number_format(below)
+        fields = _split_fields(text, delimiter)
+        counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
+        return delimiter, comma, _Header(make_counted_names("column", len(fields)), header + counts)
     names = tuple(join_name_levels(field) for field in _split_fields(text, delimiter))
     names = _join_merged_heads(names, _split_fields(lines[header - 1], delimiter) if header else [])
     rows = header + 1

@@ -98,7 +98,8 @@ def _find_forces_of_sliding_joints(
 def ask_to_lock_still_joints(robot: Robot, positions: FloatArray, joints: Sequence[int]) -> Question | None:
     """Ask to lock those of some joints without torque that stand still: a gripper, or a fixed axis; None of others."""
     still = [joint for joint in joints if np.ptp(positions[:, joint]) <= MOVED[robot.joints[joint].kind]]
-    places = {robot.joint_names[joint]: _find_place(positions[:, joint]) for joint in still}
+    middles = {robot.joint_names[joint]: float(np.median(positions[:, joint])) for joint in still}
+    places = {name: float(f"{at:.4g}") if _AT_ZERO < abs(at) < _MOST else 0.0 for name, at in middles.items()}
     verbs = "stand still and have" if len(places) > 1 else "stands still and has"
     return ask_to_lock(f"{', '.join(places)} {verbs} no torque", places) if places else None
 
@@ -110,12 +111,6 @@ def _find_columns_of_most_joints(
     groups = [group for group in find_incomplete_groups(named, robot.joint_names) if group[0].signal in signals]
     measured = [group for group in groups if group[0].rank < 4]
     return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
-
-
-def _find_place(position: FloatArray) -> float:
-    """Return where a joint stands still; 0 where that is nearly so, or in no unit of ours."""
-    at = float(np.median(position))
-    return float(f"{at:.4g}") if _AT_ZERO < abs(at) < _MOST else 0
 
 
 _LETTERS = "xyz"
@@ -347,9 +342,10 @@ def find_incomplete_groups(
             stem = tuple("#" if word.isdigit() else word for word in column.words)
             numbered.setdefault(stem, {}).setdefault(column.numbers[0], index)
     for stem, members in numbered.items():
-        # Joints are counted from 0 or from 1.
+        # Joints are counted from 0 or from 1; not beside more that are not counted.
         first = 0 if 0 in members else 1
-        by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
+        if _count_other_positions(named) < len(members):
+            by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
     # Of numbers only most say that joints are meant, or that efforts have them, too; names say it for as few as two.
     groups = [(stem, named[next(iter(members.values()))], members) for stem, members in by_stem.items()]
     places = [{frozenset(g[2]) for g in groups if g[1].signal in kinds} for kinds in (_POSITIONS, _EFFORTS)]
@@ -454,7 +450,9 @@ def _group_by_number(
         # As many as joints, or more of which none behind the joints ever has a torque: places of joints it does not
         # have.
         moves = behind and (alive is None or alive[behind].any())
-        if behind and (first > 1 or (moves and not idle >= set(range(first + n, last + 1)))):
+        # More than the joints, beside as many positions that are not counted, are of another device, such as a hand.
+        is_other = first > 1 or (moves and not idle >= set(range(first + n, last + 1)))
+        if behind and (is_other or _count_other_positions(named) >= n):
             continue
         by_stem[stem] = {number - first: index for number, index in members.items() if number < first + n}
         reasons[stem] = f"the joints are counted from {first} in the names"
@@ -463,6 +461,10 @@ def _group_by_number(
         used = used | set(members.values())
     pendant, why = _group_by_pendant_names(named, used, n)
     return by_stem | pendant, reasons | why, of_locked
+
+
+def _count_other_positions(named: Sequence[ColumnName]) -> int:
+    return sum(column.signal == "q" and not column.numbers for column in named)
 
 
 def _list_counted_columns(named: Sequence[ColumnName], used: set[int], n: int, clocks: Collection[int]) -> _Stems:
@@ -487,11 +489,8 @@ def _group_by_pendant_names(named: Sequence[ColumnName], used: set[int], n: int)
     for pendant, shown in PENDANTS:
         stems = _Stems()
         for index, column in enumerate(named):
-            if index in used or len(pendant) != n:
-                continue
-            for joint, words in enumerate(pendant):
-                place = find_phrase(column.words, words)
-                if place is not None:
+            for joint, words in enumerate(pendant if index not in used and len(pendant) == n else ()):
+                if (place := find_phrase(column.words, words)) is not None:
                     stem = (*column.words[:place], "*", *column.words[place + len(words) :])
                     stems.setdefault(stem, {}).setdefault(joint, index)
         whole = {stem: group for stem, group in stems.items() if len(group) == n}

@@ -237,7 +237,7 @@ def read_names(
     others = {column.name for column in (*find_waves(columns), *_find_pose(columns, spellings))}
     # One time is enough: beside it t1, t2, … are counted as joints are, and may be torques.
     is_timed = any(column.signal == "t" and not column.numbers for column in columns)
-    counted = {column.name for column in columns if is_timed and column.numbers and _plain_words(column) == ("t",)}
+    counted = {c.name for c in columns if is_timed and c.numbers and {*c.words} - {*map(str, c.numbers)} == {"t"}}
     return [
         replace(column, signal="other" if column.name in others else None)
         if column.name in others or column.name in counted
@@ -292,7 +292,8 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
         stated = _UNITS[_normalise_unit(ending.group(1))]
         text = text[: ending.start()] + (behind if ending.end() < len(text) else "")
     # Capitals separate words, as in jointPosition, so they are lowered only after the split.
-    words = tuple(word.casefold() for word in _PART.findall(_UNSPACED.sub(r" \g<0> ", text)))
+    parts = " ".join(_PART.findall(_UNSPACED.sub(r" \g<0> ", text))).casefold()
+    words = tuple(re.sub(r"\bd dot\b", "ddot", parts).split())
     places = [(len(spelling), place) for spelling in spellings if (place := find_phrase(words, spelling)) is not None]
     length, place = max(places, default=(0, 0))
     # The last letter of a joint's name is no unit: axis_a is not in amperes. A unit may stand before it: trq_pct_B.
@@ -418,9 +419,11 @@ def _classify_signal(plain: list[str]) -> Signal | None:
             # The last word that names a kind decides: current_position is a position.
             if kind is None or len(word) > 1:
                 kind = signal
-    derived = "".join(plain)
-    if kind == "q" and derived.startswith(("dq", "dtheta")):
-        return "dq"
+    if kind in (rates := _SLIDING[:3]):
+        # Derived as often as dots or letters d say: qDot, theta_ddot, ddQ.
+        letters = re.match(r"(d{1,2})(?:q|theta)", "".join(plain))
+        order = sum(map(("", "dot", "ddot").index, {"dot", "ddot"} & set(plain)))
+        return rates[min(max(rates.index(kind), len(letters[1]) if letters else 0) + order, 2)]
     if kind is None and "index" in plain:
         return "other"
     return kind
@@ -494,7 +497,3 @@ def _find_pose(named: Sequence[ColumnName], spellings: Sequence[tuple[str, ...]]
         if all(word in by_words for word in words) and not set(words) & set(spellings):
             pose += [by_words[word] for word in words]
     return pose
-
-
-def _plain_words(column: ColumnName) -> tuple[str, ...]:
-    return tuple(word for word in column.words if not word.isdigit())

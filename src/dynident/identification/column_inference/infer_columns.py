@@ -32,10 +32,12 @@ from dynident.identification.column_inference.column_statistics import (
 )
 from dynident.identification.column_inference.metadata_proposal import (
     NO_MASSES,
+    Guess,
     Proposal,
     Question,
     describe_further_joints,
     describe_gear_ratios,
+    describe_single_joint,
     describe_waves,
     find_columns_of_other_joints,
     name_further_efforts,
@@ -82,7 +84,6 @@ from dynident.robot.pseudo_inertia import find_description_units
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""
-
 _NOTHING = 1e-30
 """Efforts that are smaller in any unit are no efforts."""
 
@@ -126,8 +127,7 @@ class _ColumnInference(WorkingProposal):
         self.of_poses = are_columns_poses(self)
         self.alive = find_changing_columns(sample.values)
         kind: EffortKind = "unknown"
-        for remark in self.sample.remarks:
-            self.add_guess("rows", "joined", 0.95, remark)
+        self.guesses += [Guess("rows", "joined", 0.95, remark) for remark in self.sample.remarks]
         report_empty_columns(self)
         if self.robot.inertias is None or not self.robot.inertias.any():
             self.add_guess("robot", "no masses", 0.9, NO_MASSES)
@@ -298,12 +298,13 @@ class _ColumnInference(WorkingProposal):
         """Say which columns may be a signal that was not recognised, or where else it may be."""
         known = {k for group in groups if group.signal is not None for k in group.columns}
         others = (named for k, named in enumerate(self.column_names) if k not in known)
-        if further := describe_further_joints(list(others), self.robot.n, signals):
+        further = describe_further_joints(list(others), self.robot.n, signals)
+        if further := further or describe_single_joint(self.column_names, self.robot.n, signals):
             return further
-        waves = describe_waves(self.column_names) if name == "position" else ""
-        unknown_groups = describe_unknown_groups(groups, self.name_columns, name)
-        detail = f" If they are in another file, {TOGETHER}.{waves}{unknown_groups}"
+        unknown = describe_unknown_groups(groups, self.name_columns, name)
         has_rates = name == "position" and any(group.signal == "dq" for group in groups)
+        waves = describe_waves(self.column_names) if name == "position" else ""
+        detail = f" If they are in another file, {TOGETHER}.{waves}{unknown}"
         return detail + " Velocities alone do not suffice: gravity depends on the positions." * has_rates
 
     def _ask_to_lock_fingers(self, position: ColumnGroup | None, effort: ColumnGroup) -> Question | None:

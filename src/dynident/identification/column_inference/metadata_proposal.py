@@ -184,6 +184,36 @@ def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collec
     return ""
 
 
+def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
+    """Describe the only column of a signal, which does not say of which of the robot's n joints it is.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    n : int
+        Number of the robot's joints.
+    signals : collection of str
+        Those of which the column may be.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there is none, or several.
+    """
+    measured = [column.name for column in named if column.signal in signals and column.rank < COMMANDED_RANK]
+    if n == 1 or len(measured) != 1:
+        return ""
+    return (
+        f" {measured[0]} is of one joint, but the robot has {n}: if the others stood still, lock them, and say which "
+        "joint it is."
+    )
+
+
+COMMANDED_RANK = 4
+"""Rank of a column from which on its name says that it is a command."""
+
+
 def describe_waves(named: Sequence[ColumnName]) -> str:
     """Describe columns that are sines and cosines of angles, as benchmarks of learning have them.
 

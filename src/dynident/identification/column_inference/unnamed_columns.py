@@ -15,6 +15,7 @@ from dynident.identification.column_inference.column_statistics import (
     compute_roughness,
     select_whole_signals,
 )
+from dynident.identification.column_inference.metadata_proposal import COMMANDED_RANK
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.number_format import format_percent
 from dynident.recordings.signal_spectra import SLOPE, correlate_slopes
@@ -23,6 +24,7 @@ _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
 _SAME_FACTOR = 0.02
 """Relative difference of the factors of velocities over slopes, which differ by noise and filters alone."""
+_NOISY, _FAR = 0.5, 3.0  # least correlation of accelerations with the velocities' slope, and ratio to that of torques
 _STILL = 0.01
 """Spread of a joint that stands, at most, as a share of the largest."""
 _GAP = 3.0
@@ -163,9 +165,12 @@ def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], 
     best: tuple[float, list[list[int]]] | None = None
     for blocks in _list_layouts(n, 4):
         for first, second, third, rest in permutations(blocks):
-            correlated = float(min(np.median(correlation[first, second]), np.median(correlation[second, third])))
-            if correlated > SLOPE and (best is None or correlated > best[0]):
-                best = correlated, [first, second, rest]
+            pairs = (first, second), (second, third), (second, rest)
+            rate, rise, other = (float(np.median(correlation[pair])) for pair in pairs)
+            # Derived twice, accelerations are noisy: they are far more like the velocities' slope than the rest is.
+            is_rise = rise > SLOPE or (rise > _NOISY and rise > _FAR * other)
+            if rate > SLOPE and is_rise and (best is None or rate + rise > best[0]):
+                best = rate + rise, [first, second, rest]
     if best is None:
         return None
     q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
@@ -255,13 +260,10 @@ def describe_unknown_groups(groups: Sequence[ColumnGroup], shown: Callable[[Colu
     str
         A sentence with a space before it.
     """
-    unknown = [shown(group) for group in groups if group.signal is None and group.rank < _COMMANDED_RANK]
+    unknown = [shown(group) for group in groups if group.signal is None and group.rank < COMMANDED_RANK]
     if not unknown:
         return f" No further columns stand for all joints: was the {signal} recorded?"
     return f" Names of columns for all joints that do not say what they are: {'; '.join(unknown[:3])}."
-
-
-_COMMANDED_RANK = 4
 
 
 def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:
@@ -376,9 +378,10 @@ def group_other_names(
     members: dict[Signal, list[int]] = {}
     joints: dict[Signal, list[frozenset[str]]] = {}
     for signal in _OF_JOINTS:
-        columns = [index for index in rest if named[index].signal == signal and named[index].rank < _COMMANDED_RANK]
+        columns = [index for index in rest if named[index].signal == signal and named[index].rank < COMMANDED_RANK]
         words = [frozenset(named[index].words) for index in columns]
-        if len(columns) >= n > 1 and signal not in taken:
+        is_uniform = len({not named[index].numbers for index in columns}) == 1  # or a counted hand is beside the arm
+        if len(columns) >= n > 1 and signal not in taken and is_uniform:
             own = [each - frozenset.intersection(*words) for each in words]
             if all(own) and len(set(own)) == len(own):
                 members[signal], joints[signal] = columns, own
@@ -396,11 +399,8 @@ def group_other_names(
     )
     if share > _EXPLAINED or (others and others[0][0] < _CLEARLY * share):
         return []
-    reason = (
-        "as many columns as joints, taken in the order of the file, as their names are of none of the robot's joints"
-    )
-    if others:
-        reason = "those of the columns beside each other, as many as joints, that the robot's dynamics explain"
+    of_all = "as many columns as joints, in the order of the file, as their names are of none of the robot's joints"
+    reason = "those of the columns beside each other that the robot's dynamics explain" if others else of_all
     start = {signal: further if first == spare["q"] else first for signal, further in spare.items()}
     return [
         ColumnGroup(chosen, signal, named[chosen[0]].unit, named[chosen[0]].rank, named[chosen[0]], reason)

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
+from dynident.identification.recording_faults.rows_for_fault_search import thin_out
 from dynident.identification.recording_faults.tree_fit import (
     BLOCKS,
     LEAVE_ONE_OUT,
@@ -217,8 +218,7 @@ class DescriptionFit:
 
     @cached_property
     def _few_rows(self) -> Motion:
-        every = max(1, len(self.motion.q) // _FEW_ROWS)
-        return Motion(*(getattr(self.motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
+        return thin_out(self.motion, _FEW_ROWS)
 
     @cached_property
     def _few_loads(self) -> FloatArray | None:
@@ -419,8 +419,8 @@ def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | Non
     """
     if robot.inertias is None:
         return None
-    every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+    few = thin_out(motion, _STATES)
+    q, dq, ddq, tau = few.q, few.dq, few.ddq, few.tau
     described = compute_described_torque(robot, q, dq, ddq)
     values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
     for joint in range(robot.n):

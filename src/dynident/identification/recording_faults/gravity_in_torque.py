@@ -85,9 +85,8 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     """
     if not np.linalg.norm(robot.gravity) > 1.0 or float(np.std(motion.q, axis=0).max(initial=0.0)) < _MOVES:
         return None
-    every = max(1, len(motion.q) // _STATIC_ROWS)
-    q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
-    block = motion.block[::every]
+    few = thin_out(motion, _STATIC_ROWS)
+    q, dq, ddq, tau, block = few.q, few.dq, few.ddq, few.tau, few.block
     spread = tau.std(axis=0)
     # Joints that carry little are left out: their torque is friction and noise.
     heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
@@ -244,9 +243,9 @@ def measure_load_shares(robot: Robot, motion: Motion, factor: float = 1.0) -> Lo
     """
     if not _has_masses(robot) or not np.linalg.norm(robot.gravity) > 1.0:
         return None
-    every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
-    others = motion.block[::every] != np.arange(BLOCKS)[:, None]
+    few = thin_out(motion, _STATES)
+    q, dq, ddq, tau = few.q, few.dq, few.ddq, few.tau * factor
+    others = few.block != np.arange(BLOCKS)[:, None]
     load = _compute_load(robot, q)
     # The same description gives both parts, so an error of all masses cancels in their ratio.
     rest = compute_described_torque(robot, q, dq, ddq) - load
@@ -304,8 +303,7 @@ def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
 
     A short motion does not determine motion's share, so this is a second test. A load at wrong angles looks like none.
     """
-    every = max(1, len(motion.q) // _STATES)
-    few = Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
+    few = thin_out(motion, _STATES)
     without = measure_left_by_description(floating, few)
     zeros = (angle * axis for axis in np.eye(robot.n)[find_revolute_joints(robot)] for angle in _ZEROS)
     turned = (replace(few, q=few.q - zero) for zero in (np.zeros(robot.n), *zeros))
@@ -377,8 +375,8 @@ def _find_mounting_by_masses(robot: Robot, motion: Motion, now: UnexplainedTorqu
 
 def _find_gravity_of_masses(robot: Robot, motion: Motion) -> FloatArray | None:
     """Return the direction (3,) of gravity that goes best with the described masses; None without a load."""
-    every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+    few = thin_out(motion, _STATES)
+    q, dq, ddq, tau = few.q, few.dq, few.ddq, few.tau
     # The torque is affine in gravity: one load for each of its three components, and what no gravity is needed for.
     loads = np.stack([_compute_load(replace(robot, gravity=axis), q) for axis in np.eye(3)], axis=2)
     rest = compute_described_torque(replace(robot, gravity=np.zeros(3)), q, dq, ddq)
@@ -487,11 +485,11 @@ def _has_masses(robot: Robot) -> bool:
 
 def _is_upright(robot: Robot, motion: Motion) -> bool:
     """Tell whether the loads of the description have the sign of the torques."""
-    every = max(1, len(motion.q) // _STATES)
-    load = _compute_load(robot, motion.q[::every])
+    few = thin_out(motion, _STATES)
+    load = _compute_load(robot, few.q)
     size = (load**2).sum(axis=0)
     heavy = size > _HEAVY**2 * size.max()
-    return bool(((load * motion.tau[::every]).sum(axis=0)[heavy] > 0).all())
+    return bool(((load * few.tau).sum(axis=0)[heavy] > 0).all())
 
 
 def _compute_load(robot: Robot, q: FloatArray) -> FloatArray:

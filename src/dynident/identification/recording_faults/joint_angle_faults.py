@@ -17,6 +17,7 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import MIXINGS, ZEROS, ColumnFault, Motion, list_zeros
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
+from dynident.identification.recording_faults.rows_for_fault_search import thin_out
 from dynident.identification.recording_faults.torque_scale import find_revolute_joints
 from dynident.identification.recording_faults.tree_fit import find_moving_joints
 from dynident.identification.recording_faults.unexplained_torque import (
@@ -153,7 +154,7 @@ def _find_zeros(robot: Robot, motion: Motion, fit: HeldOutFit) -> FloatArray:
 
     The masses of the description tell roughly, one joint after the other; a fit of all parameters tells the rest.
     """
-    few = _thin_out(motion)
+    few = thin_out(motion, _ROWS)
     joints = [int(joint) for joint in np.flatnonzero(find_revolute_joints(robot))]
 
     def measure_described(zeros: FloatArray) -> float:
@@ -270,7 +271,7 @@ def estimate_zeros(
     is_wide : bool
         Whether zeros are looked for around quarter turns, too, and not only near those of the description.
     """
-    few = _thin_out(motion)
+    few = thin_out(motion, _ROWS)
     moving = find_moving_joints(few)
     as_is, least_fall = fit.estimate_score(few, LEAST_FINE), _PROMISING / max(int(moving.sum()), 1)
     # The zero of the last joint of a chain is one with the parameters of its link.
@@ -289,7 +290,7 @@ def estimate_zeros(
 
 def _estimate_scales(motion: Motion, fit: HeldOutFit, *, is_wide: bool) -> Iterator[ColumnFault]:
     """Yield the factors of single joints' positions with which a fit leaves less, by a few rows."""
-    few = _thin_out(motion)
+    few = thin_out(motion, _ROWS)
     moving = find_moving_joints(few)
     as_is, least_fall = fit.estimate_score(few, LEAST_FINE), _PROMISING / max(int(moving.sum()), 1)
     for joint in np.flatnonzero(moving).tolist():
@@ -355,11 +356,6 @@ def _round_zero(joint: int, angle: float, nominal: float) -> ColumnFault:
     usual = min(ZEROS, key=lambda usual: abs(np.sin(0.5 * (angle - usual))))
     is_usual = 2.0 * abs(np.sin(0.5 * (angle - usual))) < nominal
     return ColumnFault("joint zero", (joint,), usual if is_usual else float(f"{angle:.3g}"))
-
-
-def _thin_out(motion: Motion) -> Motion:
-    every = -(-len(motion.q) // _ROWS)
-    return Motion(*(getattr(motion, name)[::every] for name in ("q", "dq", "ddq", "tau", "block", "t")))
 
 
 def describe_zeros(fault: ColumnFault, names: Sequence[str], q: Sequence[str]) -> str:

@@ -186,18 +186,18 @@ def filter_motion(recording: Recording) -> Motion | None:
     return None if whole is None else thin_out(whole[0])
 
 
-def thin_out(motion: Motion) -> Motion:
-    """Return every so many rows of a motion, as many as faults are looked for in.
+def thin_out(motion: Motion, n_rows: int = _ROWS) -> Motion:
+    """Return every so many rows of a motion.
 
     Parameters
     ----------
     motion : Motion
         Filtered rows of the recording.
+    n_rows : int
+        How many are wanted, by default as many as faults are looked for in; fewer than twice as many are left.
     """
-    step = max(1, len(motion.q) // _ROWS)
-    q, dq, ddq, tau = (np.ascontiguousarray(signal[::step]) for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
-    block: IntArray = np.arange(len(q)) * BLOCKS // len(q)
-    return Motion(q, dq, ddq, tau, block, np.ascontiguousarray(motion.t[::step]))
+    few, signals = slice(None, None, max(1, len(motion.q) // n_rows)), ("q", "dq", "ddq", "tau", "block", "t")
+    return Motion(*(np.ascontiguousarray(getattr(motion, name)[few]) for name in signals))
 
 
 def filter_whole_motion(recording: Recording, *, octaves: int = 0) -> tuple[Motion, float] | None:

@@ -8,9 +8,10 @@ import re
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from types import MappingProxyType
 from typing import IO, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import describe_foreign_clock, is_time_name
 
 _AT_ONCE = 2**20
+_NONE: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,12 +180,12 @@ class ArrayFileSource(FileSource):
         The arrays of numbers.
     words : sequence of tuple of str
         Lists of different words in the file: one that is as long as an array is wide names its columns.
-    rows : sequence of str
-        Names of arrays of structures that may be rows, to say so where nothing else is there.
+    unread : mapping of str to str
+        Variables that cannot be read, and what to do about each.
     """
 
     def __init__(
-        self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = (), rows: Sequence[str] = ()
+        self, arrays: Sequence[StoredArray], words: Sequence[tuple[str, ...]] = (), unread: Mapping[str, str] = _NONE
     ) -> None:
         self.stated_rate = _find_stated_rate(arrays)
         deep = next((array for array in arrays if len(array.shape) > 2), None)
@@ -203,7 +205,8 @@ class ArrayFileSource(FileSource):
             labelled = _name_by_labels(joined) if joined else labelled
         arrays = [array for array in labelled if max(array.shape) >= FEWEST_ROWS]
         if not arrays:
-            raise RecordingError(_describe_no_arrays(deep, rows), pointer=next(iter(rows), ""), title=TITLE)
+            raise RecordingError(_describe_no_arrays(deep, unread), pointer=next(iter(unread), ""), title=TITLE)
+        self.own_remarks += (*unread.values(),)[:1]
         # Arrays do not say which of their axes is time: it is the length that they share.
         self._length = _find_length(arrays)
         # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
@@ -434,13 +437,10 @@ def _resample(array: StoredArray, own: FloatArray, t: FloatArray) -> StoredArray
     return StoredArray(array.name, (len(t), math.prod(array.shape) // len(own)), read, array.label)
 
 
-def _describe_no_arrays(deep: StoredArray | None, rows: Sequence[str]) -> str:
+def _describe_no_arrays(deep: StoredArray | None, unread: Mapping[str, str]) -> str:
     """Return why a file without usable arrays cannot be read; `deep` is an array of more than two axes."""
-    if rows:
-        return (
-            f"{rows[0]} is an array of structures, one for each row: save a matrix for each of its fields instead, "
-            f"as q = vertcat({rows[0]}.q)."
-        )
+    if unread:
+        return next(iter(unread.values()))
     if deep is None:
         return "The file contains no arrays of numbers with rows."
     return (

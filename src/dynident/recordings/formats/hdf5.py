@@ -35,6 +35,7 @@ from dynident.recordings.formats.array_files import (
     count_name,
     read_words,
 )
+from dynident.recordings.formats.matlab import describe_object, describe_rows
 from dynident.recordings.recording_metadata import RecordingError
 
 if TYPE_CHECKING:
@@ -203,8 +204,8 @@ def open_hdf5(path: Path) -> ArrayFileSource:
 
     try:
         file = h5py.File(path, "r")
-        rows: list[str] = []
-        stored = list(_find_datasets(file, rows))
+        unread: dict[str, str] = {}
+        stored = list(_find_datasets(file, unread))
         words = [read_words(item[()]) for _, item in stored if not _has_numbers(item)]
         datasets = [(name, item) for name, item in stored if _has_numbers(item)]
         check_columns(len(datasets))
@@ -219,13 +220,13 @@ def open_hdf5(path: Path) -> ArrayFileSource:
         raise
     except _BROKEN as error:
         raise make_damaged_error("HDF5", error) from error
-    return ArrayFileSource(arrays, words, rows)
+    return ArrayFileSource(arrays, words, unread)
 
 
-def _find_datasets(file: Any, rows: list[str]) -> Iterator[tuple[str, Any]]:
+def _find_datasets(file: Any, unread: dict[str, str]) -> Iterator[tuple[str, Any]]:
     """Yield the data sets of numbers, or of records with some, with their paths; each object once.
 
-    Names of arrays of many structures, which may be rows, go to `rows`.
+    Variables of MATLAB that cannot be read, and what to do about each, go to `unread`.
     """
     import h5py
 
@@ -258,11 +259,14 @@ def _find_datasets(file: Any, rows: list[str]) -> Iterator[tuple[str, Any]]:
         # The fields of an array of structures are as many lists of cells, all of one shape.
         is_array = is_group and before != "" and len(shapes) == len(datasets) > 1 and len(set(shapes)) == 1
         if is_array and math.prod(shapes[0] or ()) >= FEWEST_ROWS:
-            rows.append(before.removesuffix("/"))
+            name = before.removesuffix("/")
+            unread[name] = describe_rows(name, "an array of structures", f"{name}.q")
         for name, item in datasets:
             if _has_references(item):
                 field = f"/{name.removeprefix(before)}" if is_array else ""
                 waiting.append((before.removesuffix("/") if is_array else name, field, depth + 1, item))
+            elif "MATLAB_object_decode" in item.attrs:
+                unread[name] = describe_object(name, _read_matlab_class(item).decode("latin-1"))
             elif _has_numbers(item) or _has_words(item):
                 yield name, item
 
@@ -352,11 +356,16 @@ def _has_numbers(item: Any) -> bool:
 
 def _is_matlab_text(item: Any) -> bool:
     """Return whether whole numbers are the letters of a text of MATLAB."""
-    if item.dtype.kind != "u" or "MATLAB_class" not in item.attrs:
-        return False
+    return item.dtype.kind == "u" and _read_matlab_class(item) == b"char"
+
+
+def _read_matlab_class(item: Any) -> bytes:
+    """Return what MATLAB calls a variable's class, such as char; nothing where that is no short word."""
+    if "MATLAB_class" not in item.attrs:
+        return b""
     attribute = item.attrs.get_id("MATLAB_class")
     is_short = attribute.dtype.kind == "S" and attribute.dtype.itemsize <= _LONGEST_WORD and attribute.shape == ()
-    return is_short and bool(item.attrs["MATLAB_class"] == b"char")
+    return bytes(item.attrs["MATLAB_class"]) if is_short else b""
 
 
 def _list_arrays(name: str, item: Any) -> list[StoredArray]:

@@ -1,7 +1,7 @@
-"""Reader of MAT files, versions 5 to 7.
+"""Reader of MAT files, versions 4 to 7.
 
 SciPy reads these files too, but whole: a recording of 2 GB would take twice as much memory. Here it is only found out
-where their numbers lie ("MAT-File Format", The MathWorks, chapter 1).
+where their numbers lie ("MAT-File Format", The MathWorks, chapters 1 and 2).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import IO
 
@@ -34,8 +35,14 @@ from dynident.recordings.recording_metadata import RecordingError
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """How numbers are stored, by the code of their element; MATLAB keeps whole numbers in fewer bytes."""
 _MATRIX, _COMPRESSED = 14, 15
-_CELLS, _STRUCTURE, _TEXT, _NUMERIC, _COMPLEX = 1, 2, 4, range(6, 16), 0x800
+_CELLS, _STRUCTURE, _TEXT, _NUMERIC, _OBJECT, _COMPLEX = 1, 2, 4, range(6, 16), 17, 0x800
 """Classes of a matrix: cells, objects, text and sparse ones are neither."""
+_KINDS_OF_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
+"""How version 4 stores numbers, by the third last digit of the type of a matrix."""
+_HEADER_OF_4 = 20
+"""Bytes before a matrix of version 4: its type, rows, columns, whether it is complex, and the length of its name."""
+_LONGEST_NAME = 64
+"""Bytes of a name in version 4, at most: MATLAB's own names are shorter."""
 _MOST_CELLS = 64
 """Cells, or structures in one array, that may be joints or signals."""
 _LABELS, _VALUES = ("label", "name", "Name"), ("values", "data", "Data")
@@ -77,22 +84,95 @@ def open_matlab(path: Path) -> ArrayFileSource:
         For a file that cannot be read.
     """
     try:
-        rows: list[str] = []
-        return ArrayFileSource(list(_read_arrays(path.open("rb"), rows)), rows=rows)
+        unread: dict[str, str] = {}
+        file = path.open("rb")
+        start = file.read(_HEADER_OF_4)
+        arrays = _read_version_4(file) if is_version_4(start) else _read_arrays(file, unread)
+        return ArrayFileSource(list(arrays), unread=unread)
     except RecordingError:
         raise
     except (ValueError, OSError, zlib.error) as error:
         raise make_damaged_error("MAT", error) from error
 
 
-def _read_arrays(file: IO[bytes], rows: list[str]) -> Iterator[StoredArray]:
-    """Yield the arrays of numbers; names of arrays of many structures, which may be rows, go to `rows`."""
+def describe_rows(name: str, kind: str, listed: str) -> str:
+    """Return what to do about a variable that has one structure or cell for each row.
+
+    Parameters
+    ----------
+    name : str
+        The variable.
+    kind : str
+        What it is, such as "an array of structures".
+    listed : str
+        All of them, as MATLAB lists them.
+    """
+    return f"{name} is {kind}, one for each row: save a matrix for each signal instead, as q = vertcat({listed})."
+
+
+def describe_object(name: str, kind: str) -> str:
+    """Return what to do about an object of MATLAB, whose numbers no other program finds.
+
+    Parameters
+    ----------
+    name : str
+        The variable.
+    kind : str
+        Its class, such as "table".
+    """
+    way = f"writetable({name}, 'run.csv')" if "table" in kind else "save('run.mat', 't', 'q', 'tau')"
+    return f"{name} is an object of MATLAB ({kind}): save its numbers as matrices or text in MATLAB, {way}."
+
+
+def is_version_4(start: bytes) -> bool:
+    """Tell whether a file begins as MAT files of version 4 do, which have no mark of their own.
+
+    Parameters
+    ----------
+    start : bytes
+        The first bytes of the file.
+    """
+    if len(start) < _HEADER_OF_4:
+        return False
+    order = "<" if start[3] == 0 else ">"
+    kind, n_rows, n_columns, is_complex, length = np.frombuffer(start[:_HEADER_OF_4], dtype=f"{order}i4").tolist()
+    # The type is MOPT in decimal digits: order of bytes, 0, kind of number, and what the matrix is.
+    thousands, hundreds, tens, ones = (kind // 10**power % 10 for power in (3, 2, 1, 0))
+    is_type = 0 <= kind < 2000 and thousands == (order == ">") and not hundreds and tens < len(_KINDS_OF_4) and ones < 3
+    return is_type and min(n_rows, n_columns) >= 0 and is_complex in (0, 1) and 1 < length <= _LONGEST_NAME
+
+
+def _read_version_4(file: IO[bytes]) -> Iterator[StoredArray]:
+    """Yield the matrices of numbers of a file of version 4, which stand one behind another."""
+    size, at = file.seek(0, 2), 0
+    for number in count(1):
+        check_columns(number)
+        file.seek(at)
+        if not is_version_4(start := file.read(_HEADER_OF_4)):
+            raise ValueError(f"no matrix begins at byte {at}")
+        order = "<" if start[3] == 0 else ">"
+        code, n_rows, n_columns, is_complex, length = np.frombuffer(start, dtype=f"{order}i4").tolist()
+        kind = np.dtype(order + _KINDS_OF_4[code // 10 % 10])
+        name = file.read(length).rstrip(b"\0").decode("latin-1")
+        begin = at + _HEADER_OF_4 + length
+        at = begin + kind.itemsize * n_rows * n_columns * (1 + is_complex)
+        if at > size:
+            raise ValueError(f"the numbers of {name} end too early")
+        if code % 10 == 0 and not is_complex:
+            shape = tuple(axis for axis in (n_rows, n_columns) if axis != 1) or (1,)
+            yield ArrayPlace(file, begin, kind, shape, by_columns=True).to_array(name)
+        if at == size:
+            return
+
+
+def _read_arrays(file: IO[bytes], unread: dict[str, str]) -> Iterator[StoredArray]:
+    """Yield the arrays of numbers; variables that cannot be read, and what to do about each, go to `unread`."""
     size = file.seek(0, 2)
     file.seek(_HEADER - 2)
     order = {b"IM": "<", b"MI": ">"}.get(file.read(2))
     if order is None:
         raise ValueError("its header does not state the byte order")
-    reader = _MatrixReader(file, order, size, rows)
+    reader = _MatrixReader(file, order, size, unread)
     elements = list(_read_elements(reader, size))
     sizes = {
         element.start: _read_unpacked_size(file, element, order) for element in elements if element.code == _COMPRESSED
@@ -106,7 +186,7 @@ def _read_arrays(file: IO[bytes], rows: list[str]) -> Iterator[StoredArray]:
             yield from reader.read_matrix(element)
             continue
         start, end = unpacked.append(_make_inflater(file, element), sizes[element.start])
-        inner = _MatrixReader(unpacked.file, order, end, rows)
+        inner = _MatrixReader(unpacked.file, order, end, unread)
         yield from inner.read_matrix(inner.read_element(start))
 
 
@@ -159,8 +239,8 @@ def _make_inflater(file: IO[bytes], element: _Element) -> Callable[[int], bytes]
 class _MatrixReader:
     """Finds the numbers of matrices in a file of `size` bytes, whose order of bytes is `order`."""
 
-    def __init__(self, file: IO[bytes], order: str, size: int, rows: list[str]) -> None:
-        self._file, self._order, self._size, self._rows = file, order, size, rows
+    def __init__(self, file: IO[bytes], order: str, size: int, unread: dict[str, str]) -> None:
+        self._file, self._order, self._size, self._unread = file, order, size, unread
 
     def read_element(self, at: int) -> _Element:
         """Return the element that begins at a byte; a small one holds its data beside its code."""
@@ -185,6 +265,12 @@ class _MatrixReader:
         own_name = self.read_element(shape_at.following)
         (flag,) = self._read_numbers(flags.start, "u4", 1)
         kind = flag & 0xFF
+        if kind == _OBJECT:
+            # Their name stands in the place of the shape, and their class behind the word MCOS.
+            texts = (shape_at, own_name, self.read_element(own_name.following))
+            variable, _, kind_of = (self._read_bytes(text.start, text.size).decode("latin-1") for text in texts)
+            self._unread[variable] = describe_object(variable, kind_of)
+            return
         shape = self._read_numbers(shape_at.start, "i4", shape_at.size // 4)
         name = name or self._read_bytes(own_name.start, own_name.size).decode("latin-1")
         if not name:
@@ -193,7 +279,7 @@ class _MatrixReader:
             yield from self._read_array(name, shape, self.read_element(own_name.following))
         elif kind == _STRUCTURE and math.prod(shape) > 0:
             if math.prod(shape) >= FEWEST_ROWS:
-                self._rows.append(name)
+                self._unread[name] = describe_rows(name, "an array of structures", f"{name}.q")
             if math.prod(shape) <= _MOST_CELLS:
                 yield from self._read_fields(name, own_name.following, math.prod(shape), depth + 1)
         elif kind == _CELLS:
@@ -212,7 +298,9 @@ class _MatrixReader:
     def _read_cells(self, name: str, at: int, count: int, end: int, depth: int) -> Iterator[StoredArray]:
         """Yield the arrays in cells, q{1} and so on, numbered in their order."""
         if not 0 <= count <= _MOST_CELLS:
-            return  # of episodes or texts, not of joints
+            # Many cells are rows or texts, not joints.
+            self._unread[name] = describe_rows(name, "a cell array", f"{name}{{:}}")
+            return
         for number in range(1, count + 1):
             if at >= end:
                 raise ValueError(f"{name} ends before its cell {number}")

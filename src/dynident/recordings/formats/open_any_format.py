@@ -26,6 +26,7 @@ from dynident.recordings.formats.csv_and_parquet import (
     join_stacked_series,
 )
 from dynident.recordings.formats.kuka_files import START, open_data_set, open_telegrams
+from dynident.recordings.formats.matlab import is_version_4, open_matlab
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.printed_records import find_printed_kind, rewrite_as_json
 from dynident.recordings.formats.rearranged_tables import rearrange_table
@@ -150,7 +151,8 @@ def format_of(path: Path) -> str:
     start = content.read_start(_LOOKED_AT)
     if not start:
         raise RecordingError("The file is empty.", title="Unreadable file")
-    detected = next((name for first, name in _STARTS if start.startswith(first)), None)
+    unmarked = "mat" if is_version_4(start) else None
+    detected = next((name for first, name in _STARTS if start.startswith(first)), unmarked)
     # What was read is unpacked already: it shows what the compressed file holds.
     if content.compression is not None and (detected or START.search(start)):
         raise RecordingError(
@@ -479,8 +481,6 @@ def _open_foreign(path: Path, name: str) -> FileSource:
 
             return open_numpy(path, name)
         if name == "mat":
-            from dynident.recordings.formats.matlab import open_matlab
-
             return open_matlab(path)
         if name == "hdf5":
             from dynident.recordings.formats.hdf5 import open_hdf5
