@@ -25,6 +25,8 @@ from dynident.diagnosis.candidates.products_of_scored_pairs import (
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import BlockSets, Products, RowStack
 from dynident.estimation import PriorInformation
+from dynident.parallel import map_in_threads
+from dynident.progress import Progress
 
 # Difference from one below which a direction lies in the span of others.
 _SPANNED = 1e-6
@@ -102,11 +104,10 @@ class JointBlocks:
                 whole += own / sigma**2
         return ProductSums(ww, xw, wy, xy, within)
 
-    def read_errors(self, fits: FoldFits, numbers: Sequence[IndexArray]) -> Iterator[tuple[int, list[JointErrors]]]:
-        """Yield joint, and errors for the fits that each block (s,) has by some numbers; those of a joint add up."""
-        for joint, block in enumerate(self.joints):
-            for piece in block.read_pieces():
-                yield joint, [piece.compute_errors(fits, own) for own in numbers]
+    def read_errors(self, joint: int, fits: FoldFits, numbers: Sequence[IndexArray]) -> Iterator[list[JointErrors]]:
+        """Yield errors of a joint for the fits that each block (s,) has by some numbers; they add up."""
+        for piece in self.joints[joint].read_pieces():
+            yield [piece.compute_errors(fits, own) for own in numbers]
 
 
 def _build_block(
@@ -174,9 +175,9 @@ class FoldedFits:
             left_out += sets.list_folds(kind)
         return cls(blocks, blocks.fit_sets(noise, sets, left_out), tuple(numbers))
 
-    def read_errors(self) -> Iterator[tuple[int, list[JointErrors]]]:
-        """Yield joint, and its errors in the fit to all blocks and by kind of folds; those of a joint add up."""
-        return self.blocks.read_errors(self.fits, self.numbers)
+    def read_errors(self, joint: int) -> Iterator[list[JointErrors]]:
+        """Yield errors of a joint in the fit to all blocks and by kind of folds; they add up."""
+        return self.blocks.read_errors(joint, self.fits, self.numbers)
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
@@ -211,16 +212,23 @@ def score_folds(
     """
     s, n, portions, kinds = data.n_blocks, data.n_joints, fits.blocks.portions, len(fits.numbers) - 1
     before, after = np.zeros((kinds, s, n)), np.zeros((kinds, len(candidates), s, n))
-    sums = np.zeros((s, fits.blocks.n_extra))
     # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in portions for k in portion.members], dtype=np.intp)
-    for j, (fitted, *held_out) in fits.read_errors():
-        if by_parameters and len(members):
-            sums += fitted.compute_scores() / noise[j] ** 2
-        for k, errors in enumerate(held_out):
-            before[k, :, j] += errors.alone
-            if len(members):
-                after[k, members, :, j] += errors.compute_errors_with()
+
+    def score_joint(j: int, _: Progress) -> FloatArray:
+        """Fill in the errors of a joint; return what it adds to the scores of the columns (s, c)."""
+        sums = np.zeros((s, fits.blocks.n_extra))
+        for fitted, *held_out in fits.read_errors(j):
+            if by_parameters and len(members):
+                sums += fitted.compute_scores() / noise[j] ** 2
+            for k, errors in enumerate(held_out):
+                before[k, :, j] += errors.alone
+                if len(members):
+                    after[k, members, :, j] += errors.compute_errors_with()
+        return sums
+
+    sizes = len(candidates) * data.counts.sum(axis=0)
+    sums = sum(map_in_threads(score_joint, range(n), sizes.tolist()), np.zeros((s, fits.blocks.n_extra)))
     # What is reported of a candidate comes from all data; only its errors are held out.
     separability, amplitudes = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(portions):
@@ -239,24 +247,17 @@ def score_folds(
     return list(zip(before, scores, strict=True)), contributions
 
 
-def compute_contributions(
-    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
-) -> list[FloatArray]:
-    """Return (s, k) for every candidate: what each block adds to the scores of its k parameters (Rao's test).
+def compute_contributions(blocks: JointBlocks, fit: FoldFits, count: int, noise: FloatArray) -> list[FloatArray]:
+    """Return (s, k) for `count` candidates: what each block adds to the scores of their k parameters (Rao's test).
 
     That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
     left of the columns beside it. Their sum over the blocks is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
     """
-    blocks = JointBlocks.from_products(data, base, candidates)
-    return _compute_contributions(blocks, blocks.fit_sets(noise), len(candidates), noise)
-
-
-def _compute_contributions(blocks: JointBlocks, fit: FoldFits, count: int, noise: FloatArray) -> list[FloatArray]:
-    """Return the same as `compute_contributions` for `count` candidates, from blocks and the fit to them."""
     sums = np.zeros((blocks.n_blocks, blocks.n_extra))
-    for joint, (errors,) in blocks.read_errors(fit, [np.zeros(blocks.n_blocks, dtype=np.intp)]):
-        sums += errors.compute_scores() / noise[joint] ** 2
+    for joint, sigma in enumerate(noise):
+        for (errors,) in blocks.read_errors(joint, fit, [np.zeros(blocks.n_blocks, dtype=np.intp)]):
+            sums += errors.compute_scores() / sigma**2
     return _distribute_scores(fit, sums, count)
 
 
@@ -278,7 +279,7 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
     fit = blocks.fit_sets(noise)
-    scores = _compute_contributions(blocks, fit, count, noise)
+    scores = compute_contributions(blocks, fit, count, noise)
     # The correction for few clusters, m / (m - 1).
     more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
     deviations_of = [np.zeros(0)] * count
@@ -308,7 +309,8 @@ def compute_fitted_errors(
     blocks = JointBlocks.from_products(data, base, [candidate])
     fit = blocks.fit_sets(noise)
     before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
-    for j, (errors,) in blocks.read_errors(fit, [np.zeros(data.n_blocks, dtype=np.intp)]):
-        before[:, j] += errors.alone
-        after[:, j] += errors.compute_errors_with()[0]
+    for j in range(data.n_joints):
+        for (errors,) in blocks.read_errors(j, fit, [np.zeros(data.n_blocks, dtype=np.intp)]):
+            before[:, j] += errors.alone
+            after[:, j] += errors.compute_errors_with()[0]
     return before, after, float(fit.compute_separability(0)[0]), fit.amplitudes[0][0, 0]

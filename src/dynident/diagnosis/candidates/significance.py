@@ -51,11 +51,6 @@ class FamilywiseLevels:
     scores: float
 
 
-def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray:
-    """Return the p-values (c,) of `run_familywise_test` for the scores (s, k) of each candidate."""
-    return run_familywise_test(gains, draw_scores(scores))[0]
-
-
 def run_familywise_test(
     gains: FloatArray, draws: Sequence[FloatArray], level: float | None = None
 ) -> tuple[FloatArray, FamilywiseLevels]:

@@ -391,9 +391,10 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
     fitted, *kinds = (_BlockSums.from_portions(blocks, acts) for _ in range(len(KINDS) + 1))
     # Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     # seen, and held-out errors show an effect by that.
-    for j, errors in fits.read_errors():
-        for sums, own_errors in zip((fitted, *kinds), errors, strict=True):
-            sums.add_joint(j, own_errors, 1.0 / state.noise[j] ** 2)
+    for j in range(rows.n_joints):
+        for errors in fits.read_errors(j):
+            for sums, own_errors in zip((fitted, *kinds), errors, strict=True):
+                sums.add_joint(j, own_errors, 1.0 / state.noise[j] ** 2)
     folds = [tuple(split_data_folds(rows, kind)) for kind in KINDS]
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
