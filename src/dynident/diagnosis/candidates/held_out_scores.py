@@ -243,12 +243,12 @@ def score_folds(
         ]
         for alone, each in zip(before, after, strict=True)
     ]
-    contributions = _distribute_scores(fits.fits, sums, len(candidates)) if by_parameters else []
+    contributions = _distribute_scores(fits.fits, sums) if by_parameters else []
     return list(zip(before, scores, strict=True)), contributions
 
 
-def compute_contributions(blocks: JointBlocks, fit: FoldFits, count: int, noise: FloatArray) -> list[FloatArray]:
-    """Return (s, k) for `count` candidates: what each block adds to the scores of their k parameters (Rao's test).
+def compute_contributions(blocks: JointBlocks, fit: FoldFits, noise: FloatArray) -> list[FloatArray]:
+    """Return (s, k) for every candidate: what each block adds to the scores of their k parameters (Rao's test).
 
     That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
     left of the columns beside it. Their sum over the blocks is zero but for noise where the candidate explains
@@ -258,12 +258,12 @@ def compute_contributions(blocks: JointBlocks, fit: FoldFits, count: int, noise:
     for joint, sigma in enumerate(noise):
         for (errors,) in blocks.read_errors(joint, fit, [np.zeros(blocks.n_blocks, dtype=np.intp)]):
             sums += errors.compute_scores() / sigma**2
-    return _distribute_scores(fit, sums, count)
+    return _distribute_scores(fit, sums)
 
 
-def _distribute_scores(fit: FoldFits, sums: FloatArray, count: int) -> list[FloatArray]:
+def _distribute_scores(fit: FoldFits, sums: FloatArray) -> list[FloatArray]:
     """Return the scores (s, k) of each candidate in unit directions, from those of all columns (s, c)."""
-    scores = [np.zeros((0, 0))] * count
+    scores = [np.zeros((0, 0))] * sum(len(portion.members) for portion in fit.portions)
     for number, portion in enumerate(fit.portions):
         for member, columns, unit in zip(
             portion.members, portion.columns, fit.compute_unit_directions(number), strict=True
@@ -272,17 +272,17 @@ def _distribute_scores(fit: FoldFits, sums: FloatArray, count: int) -> list[Floa
     return scores
 
 
-def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> list[FloatArray]:
+def compute_deviations(blocks: JointBlocks, noise: FloatArray) -> list[FloatArray]:
     """Return (k,) for every candidate: the standard deviations of its k parameters, fitted beside the model.
 
     From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
     fit = blocks.fit_sets(noise)
-    scores = compute_contributions(blocks, fit, count, noise)
+    scores = compute_contributions(blocks, fit, noise)
     # The correction for few clusters, m / (m - 1).
     more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
-    deviations_of = [np.zeros(0)] * count
+    deviations_of = [np.zeros(0)] * len(scores)
     for number, portion in enumerate(blocks.portions):
         for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
             # What each block moves the parameters by; the sum of squares over the blocks is their variance.

@@ -71,7 +71,7 @@ def _check_parameters(
     if pool.is_change(scored.candidate):
         # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
         blocks = JointBlocks.from_products(rows, state.columns, [scored.candidate])
-        own = _build_estimates(values, compute_deviations(blocks, 1, state.noise)[0])
+        own = _build_estimates(values, compute_deviations(blocks, state.noise)[0])
         is_possible = _is_possible_change(state, scored, own)
     else:
         own, shape = _build_estimates(values, doubts), scored.candidate.choice.shape_values
@@ -223,7 +223,7 @@ class _ModelFit:
     def from_products(cls, data: Products, base: tuple[int, ...], noise: FloatArray) -> _ModelFit:
         _, normal, right = _sum_products(data, (), base, noise)
         scale = _take_sizes(normal)
-        inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=_RANK, hermitian=True)
+        inverse = np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=_RANK, hermitian=True), float)
         return cls(inverse, inverse @ (right / scale), scale)
 
 
