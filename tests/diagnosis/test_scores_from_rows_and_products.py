@@ -14,7 +14,6 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import (
     FoldedFits,
     JointBlocks,
-    compute_contributions,
     compute_held_out_errors,
     score_candidates,
     score_folds,
@@ -69,8 +68,8 @@ def test_scores_from_rows_are_those_from_products(kind):
 
 
 def contribute(data: Products) -> list[np.ndarray]:
-    blocks = JointBlocks.from_products(data, BASE, CANDIDATES)
-    return compute_contributions(blocks, blocks.fit_sets(NOISE), NOISE)
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, BASE, CANDIDATES), NOISE, ())
+    return score_folds(data, fits, CANDIDATES, NOISE, by_parameters=True)[1]
 
 
 def test_what_stretches_add_to_the_scores_is_the_same_from_rows_and_from_products():

@@ -18,12 +18,13 @@ from support.scored_candidates import judged
 from dynident import parallel
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import (
+    FoldedFits,
     JointBlocks,
     Score,
-    compute_contributions,
     compute_deviations,
     compute_held_out_errors,
     score_candidates,
+    score_folds,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import products_from_reduction
 from dynident.diagnosis.candidates.significance import (
@@ -118,7 +119,7 @@ def test_a_candidates_deviation_is_how_much_its_estimate_scatters_from_data_to_d
         made = form(data)
         _, scores = score_candidates(made, BASE, CANDIDATES, NOISE, "interleaved")
         estimates.append(np.concatenate([score.amplitudes for score in scores]))
-        told.append(np.concatenate(compute_deviations(JointBlocks.from_products(made, BASE, CANDIDATES), NOISE)))
+        told.append(np.concatenate(compute_deviations(made, BASE, CANDIDATES, NOISE)))
     scatter = np.std(estimates, axis=0)
     # Of 13 stretches: sandwiches of few clusters are somewhat too narrow (MacKinnon and White 1985).
     np.testing.assert_allclose(np.mean(told, axis=0) / scatter, 1.0, atol=0.3)
@@ -297,8 +298,9 @@ def test_the_best_of_many_candidates_that_explain_nothing_is_named_as_seldom_as_
 
 def test_scores_are_what_numpy_makes_of_the_residual_and_of_what_is_left_of_the_columns():
     data = Rows(4)
-    blocks = JointBlocks.from_products(data.products(), BASE, CANDIDATES)
-    found = compute_contributions(blocks, blocks.fit_sets(NOISE), NOISE)
+    made = data.products()
+    fits = FoldedFits.from_blocks(made, JointBlocks.from_products(made, BASE, CANDIDATES), NOISE, ())
+    found = score_folds(made, fits, CANDIDATES, NOISE, by_parameters=True)[1]
     w = np.concatenate([w / s for w, s in zip(data.wide, NOISE, strict=True)])
     y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
     rest = y - w[:, BASE] @ np.linalg.lstsq(w[:, BASE], y, rcond=None)[0]

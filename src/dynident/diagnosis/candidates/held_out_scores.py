@@ -10,7 +10,7 @@ inner products that are computed once. Candidates with equally many columns are 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -104,11 +104,6 @@ class JointBlocks:
                 whole += own / sigma**2
         return ProductSums(ww, xw, wy, xy, within)
 
-    def read_errors(self, joint: int, fits: FoldFits, numbers: Sequence[IndexArray]) -> Iterator[list[JointErrors]]:
-        """Yield errors of a joint for the fits that each block (s,) has by some numbers; they add up."""
-        for piece in self.joints[joint].read_pieces():
-            yield [piece.compute_errors(fits, own) for own in numbers]
-
 
 def _build_block(
     data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
@@ -177,7 +172,8 @@ class FoldedFits:
 
     def read_errors(self, joint: int) -> Iterator[list[JointErrors]]:
         """Yield errors of a joint in the fit to all blocks and by kind of folds; they add up."""
-        return self.blocks.read_errors(joint, self.fits, self.numbers)
+        for piece in self.blocks.joints[joint].read_pieces():
+            yield [piece.compute_errors(self.fits, own) for own in self.numbers]
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
@@ -203,12 +199,15 @@ def score_candidates(
 def score_folds(
     data: Products, fits: FoldedFits, candidates: Sequence[Candidate], noise: FloatArray, *, by_parameters: bool
 ) -> tuple[list[tuple[FloatArray, list[Score]]], list[FloatArray]]:
-    """Score every candidate in some kinds of folds and, where asked for, by the scores of its parameters.
+    """Score every candidate in some kinds of folds and, where asked for, by the scores of its parameters (Rao's test).
 
     Returns
     -------
     tuple of list, list of (s, k)
-        What `score_candidates` returns, by kind; and what `compute_contributions` returns, or nothing.
+        What `score_candidates` returns, by kind; and what each block adds to the scores of the k parameters of every
+        candidate, or nothing. That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what
+        the model leaves, Z what is left of the columns beside it. Their sum over the blocks is zero but for noise where
+        the candidate explains nothing, and its square is what the candidate removes where it does.
     """
     s, n, portions, kinds = data.n_blocks, data.n_joints, fits.blocks.portions, len(fits.numbers) - 1
     before, after = np.zeros((kinds, s, n)), np.zeros((kinds, len(candidates), s, n))
@@ -247,20 +246,6 @@ def score_folds(
     return list(zip(before, scores, strict=True)), contributions
 
 
-def compute_contributions(blocks: JointBlocks, fit: FoldFits, noise: FloatArray) -> list[FloatArray]:
-    """Return (s, k) for every candidate: what each block adds to the scores of their k parameters (Rao's test).
-
-    That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
-    left of the columns beside it. Their sum over the blocks is zero but for noise where the candidate explains
-    nothing, and its square is what the candidate removes where it does.
-    """
-    sums = np.zeros((blocks.n_blocks, blocks.n_extra))
-    for joint, sigma in enumerate(noise):
-        for (errors,) in blocks.read_errors(joint, fit, [np.zeros(blocks.n_blocks, dtype=np.intp)]):
-            sums += errors.compute_scores() / sigma**2
-    return _distribute_scores(fit, sums)
-
-
 def _distribute_scores(fit: FoldFits, sums: FloatArray) -> list[FloatArray]:
     """Return the scores (s, k) of each candidate in unit directions, from those of all columns (s, c)."""
     scores = [np.zeros((0, 0))] * sum(len(portion.members) for portion in fit.portions)
@@ -272,19 +257,21 @@ def _distribute_scores(fit: FoldFits, sums: FloatArray) -> list[FloatArray]:
     return scores
 
 
-def compute_deviations(blocks: JointBlocks, noise: FloatArray) -> list[FloatArray]:
+def compute_deviations(
+    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
+) -> list[FloatArray]:
     """Return (k,) for every candidate: the standard deviations of its k parameters, fitted beside the model.
 
     From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
-    fit = blocks.fit_sets(noise)
-    scores = compute_contributions(blocks, fit, noise)
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, base, candidates), noise, ())
+    _, scores = score_folds(data, fits, candidates, noise, by_parameters=True)
     # The correction for few clusters, m / (m - 1).
-    more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
+    more = data.n_blocks / max(data.n_blocks - 1, 1)
     deviations_of = [np.zeros(0)] * len(scores)
-    for number, portion in enumerate(blocks.portions):
-        for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
+    for number, portion in enumerate(fits.blocks.portions):
+        for member, unit in zip(portion.members, fits.fits.compute_unit_directions(number), strict=True):
             # What each block moves the parameters by; the sum of squares over the blocks is their variance.
             spread = scores[member] @ unit.T
             deviations_of[member] = np.where(_are_spanned(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
@@ -296,21 +283,10 @@ def _are_spanned(unit: FloatArray) -> BoolArray:
     return np.asarray(np.abs(1.0 - np.einsum("ij,ji->i", unit, np.linalg.pinv(unit))) < _SPANNED)
 
 
-def compute_fitted_errors(
-    data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray
-) -> tuple[FloatArray, FloatArray, float, FloatArray]:
-    """Return the squared errors of the model and of the model with a candidate, both fitted to all blocks.
-
-    Returns
-    -------
-    tuple of (s, n), (s, n), float, (k,)
-        Errors before and after, separability and amplitudes of the candidate.
-    """
-    blocks = JointBlocks.from_products(data, base, [candidate])
-    fit = blocks.fit_sets(noise)
-    before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
-    for j in range(data.n_joints):
-        for (errors,) in blocks.read_errors(j, fit, [np.zeros(data.n_blocks, dtype=np.intp)]):
-            before[:, j] += errors.alone
-            after[:, j] += errors.compute_errors_with()[0]
-    return before, after, float(fit.compute_separability(0)[0]), fit.amplitudes[0][0, 0]
+def score_fitted(data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray) -> Score:
+    """Return the score of a candidate with the errors of the model, and of the model with it, fitted to all blocks."""
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, base, [candidate]), noise, ())
+    ((_, (score,)),), _ = score_folds(
+        data, replace(fits, numbers=2 * fits.numbers), [candidate], noise, by_parameters=False
+    )
+    return score

@@ -122,7 +122,7 @@ def draw_scores(scores: Sequence[FloatArray]) -> list[FloatArray]:
     Parameters
     ----------
     scores : sequence of (s, k)
-        What each block adds to the scores of the k parameters of a candidate (`compute_contributions`).
+        What each block adds to the scores of the k parameters of a candidate (`score_folds`).
     """
     sizes = [np.zeros(0)] * len(scores)
     # Candidates of equally many parameters are handled together, some at a time.

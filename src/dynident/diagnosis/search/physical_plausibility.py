@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
-from dynident.diagnosis.candidates.held_out_scores import JointBlocks, compute_deviations
+from dynident.diagnosis.candidates.held_out_scores import compute_deviations
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
@@ -70,8 +70,7 @@ def _check_parameters(
     effect, pool = get_effect(scored.candidate.effect), state.pool
     if pool.is_change(scored.candidate):
         # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
-        blocks = JointBlocks.from_products(rows, state.columns, [scored.candidate])
-        own = _build_estimates(values, compute_deviations(blocks, state.noise)[0])
+        own = _build_estimates(values, compute_deviations(rows, state.columns, [scored.candidate], state.noise)[0])
         is_possible = _is_possible_change(state, scored, own)
     else:
         own, shape = _build_estimates(values, doubts), scored.candidate.choice.shape_values
