@@ -26,7 +26,13 @@ from dynident.robot.description_and_json import set_base
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_cli import option_parsers
 from dynident_cli.command_output import message_console, show_progress_bar
-from dynident_cli.metadata_files import StatedAnswers, accept_proposal, describe_columns, read_metadata
+from dynident_cli.metadata_files import (
+    OPEN_QUESTIONS,
+    StatedAnswers,
+    accept_proposal,
+    describe_columns,
+    read_metadata,
+)
 from dynident_cli.option_parsers import check_readable
 from dynident_cli.request_options import write_option
 from dynident_cli.shared_options import RobotAdditions, TimedReading
@@ -104,13 +110,23 @@ def load_recordings(
         stated = metadata[index]
         if reading.as_proposed is False or not stated.columns.keys() <= options.keys():
             return stated
-        proposed.append(_propose_metadata(paths[index], robot, stated, reading))
+        proposed.append(_propose_metadata(paths[index], robot, stated, reading, proposed))
         return proposed[-1]
+
+    def propose_if_sure(index: int) -> RecordingMetadata | None:
+        try:
+            return propose(index)
+        except DynidentError as error:
+            if error.title != OPEN_QUESTIONS:
+                raise
+            return None
 
     files = [SourceFile(path, stated.name) for path, stated in zip(paths, metadata, strict=True)]
     try:
         if reading.as_proposed:
-            metadata = [propose(index) for index in range(len(paths))]
+            # What one file leaves open, a later one with the same columns may answer.
+            sure = [propose_if_sure(index) for index in range(len(paths))]
+            metadata = [known or propose(index) for index, known in enumerate(sure)]
         # A file of another logger is read as proposed; where a question is open, that is the error.
         recordings = read_files(
             files, robot, metadata, cure=reading.cure, write_remedy=write_option, propose=propose, progress=progress
@@ -175,7 +191,13 @@ def _list_neighbours(paths: Sequence[Path]) -> set[str]:
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
-def _propose_metadata(path: Path, robot: Robot, stated: RecordingMetadata, reading: TimedReading) -> RecordingMetadata:
+def _propose_metadata(
+    path: Path,
+    robot: Robot,
+    stated: RecordingMetadata,
+    reading: TimedReading,
+    accepted: Sequence[RecordingMetadata],
+) -> RecordingMetadata:
     from dynident.identification.column_inference import inspect_file
 
     check_readable(path)
@@ -184,7 +206,7 @@ def _propose_metadata(path: Path, robot: Robot, stated: RecordingMetadata, readi
     has_gains = all(drive.gain is not None for drive in robot.drives)
     answers = StatedAnswers(stated.columns, stated.units, reading.accept, reading.cure, stated)
     inspection = inspect_file(path, robot, stated.rate, stated.columns)
-    return accept_proposal(path, inspection, has_gains=has_gains, answers=answers)
+    return accept_proposal(path, inspection, has_gains=has_gains, answers=answers, accepted=accepted)
 
 
 def read_effects(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:

@@ -18,6 +18,8 @@ from dynident_cli.contract_documents import parse_metadata
 from dynident_cli.option_parsers import read_json_object
 from dynident_cli.request_options import write_option
 
+OPEN_QUESTIONS = "Open questions"
+"""Title of the error of a file that cannot be used as proposed."""
 NEEDED_FOR_GAINS = "drives"
 """The question that asks for drive gains, which belong to the robot and not to the file."""
 _IGNORED_KEYS = ("questions", "name", "format")
@@ -148,19 +150,33 @@ def _name_current(tau: str) -> str:
 
 
 def accept_proposal(
-    path: Path, inspection: Inspection, *, has_gains: bool, answers: StatedAnswers | None = None
+    path: Path,
+    inspection: Inspection,
+    *,
+    has_gains: bool,
+    answers: StatedAnswers | None = None,
+    accepted: Sequence[RecordingMetadata] = (),
 ) -> RecordingMetadata:
     """Accept proposed metadata as they are; an error where a question is open, as to accept would be a guess.
 
     `has_gains` says whether the robot states drive gains, or none are needed here; `answers` are options that answer
-    questions.
+    questions. A file that has the columns of one of the `accepted` is read like it where its own content leaves their
+    meaning open.
     """
     assert inspection.proposal is not None
+    proposal = inspection.proposal
     stated_answers = answers or StatedAnswers()
+    alike = next((known for known in accepted if {*known.columns.values()} <= {*inspection.columns}), None)
+    others = tuple(question for question in proposal.questions if not question.is_about_meaning)
+    if alike is not None and len(others) < len(proposal.questions):
+        effort_kind = alike.effort_kind or proposal.effort_kind
+        proposal = replace(
+            proposal, columns=alike.columns, units=alike.units, effort_kind=effort_kind, questions=others
+        )
     are_currents = stated_answers.are_currents
     open_questions = [
         question
-        for question in inspection.proposal.questions
+        for question in proposal.questions
         if not (has_gains and question.field == NEEDED_FOR_GAINS)
         and not (are_currents and question.field.startswith(_ABOUT_EFFORT))
         and not stated_answers.is_answered(question)
@@ -182,9 +198,8 @@ def accept_proposal(
             f"Or write the proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, "
             "answer there (and empty its questions), and give it as --metadata.",
             pointer=str(path),
-            title="Open questions",
+            title=OPEN_QUESTIONS,
         )
-    proposal = inspection.proposal
     columns, units = dict(proposal.columns), dict(proposal.units)
     if are_currents:
         # A gain is per unit of the numbers as they are, and what a unit of torque makes of them would be another size.
@@ -246,7 +261,7 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
             f"{path.name} has an open question: {open_questions[0].get('detail', '')} Answer it and empty its "
             "questions.",
             pointer=str(path),
-            title="Open questions",
+            title=OPEN_QUESTIONS,
         )
     effort_kind = document.get("effort_kind")
     if effort_kind is not None and effort_kind not in get_args(EffortKind):

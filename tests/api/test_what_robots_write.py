@@ -321,6 +321,25 @@ def test_a_gripper_beside_the_joints_is_told_apart_by_name_and_asked_about_by_nu
     assert "observation.state1 … observation.state8 are 8 columns, but the robot has 7 joints" in asked["columns/q"]
 
 
+@pytest.mark.parametrize(("before", "behind"), [((7, 6), 0), ((0, 0), 1), ((1, 1), 2)])
+def test_columns_of_a_free_base_or_of_a_gripper_are_told_by_the_dynamics(tmp_path, before, behind):
+    s = signals("franka_panda")
+    still, grip = np.ones((len(s.t), 7)), np.abs(np.sin(s.t))[:, None] * np.ones((1, behind))
+    wider = {
+        name: np.hstack([factor * still[:, :count], getattr(s, signal), grip])
+        for name, signal, factor, count in (
+            ("qpos", "q", 1.0, before[0]),
+            ("qvel", "dq", 0.0, before[1]),
+            ("qfrc_actuator", "tau", 0.0, before[1]),
+        )
+    }
+    np.savez(tmp_path / "run.npz", time=s.t, **wider)
+    found = dy.inspect(tmp_path / "run.npz", machine("franka_panda"))
+    assert found.questions == ()
+    first = {name: found.said["columns"][f"{signal}1"] for name, signal in (("qpos", "q"), ("qfrc_actuator", "tau"))}
+    assert first == {"qpos": f"qpos{before[0] + 1}", "qfrc_actuator": f"qfrc_actuator{before[1] + 1}"}
+
+
 def test_two_arms_in_one_data_set_are_asked_about(tmp_path):
     one, other = signals("franka_panda"), signals("franka_panda", seed=9)
     both = {name: np.hstack([getattr(s, name) for s in (one, other)]) for name in ("q", "dq", "tau", "q_command")}

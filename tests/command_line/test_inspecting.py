@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shlex
+from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -14,11 +16,11 @@ from support.running_commands import dynident, write_run
 
 from dynident.api.recording_files import read_recordings
 from dynident.api.robot_files import load_robot
-from dynident.errors import Remedy
-from dynident.identification.column_inference import Question, inspect_file
+from dynident.errors import DynidentError, Remedy
+from dynident.identification.column_inference import Inspection, Proposal, Question, inspect_file
 from dynident.recordings import RecordingMetadata
 from dynident.robot import urdf_from_robot
-from dynident_cli.metadata_files import StatedAnswers, describe_answer, describe_columns
+from dynident_cli.metadata_files import StatedAnswers, accept_proposal, describe_answer, describe_columns
 
 
 @pytest.fixture
@@ -336,6 +338,22 @@ ZERO_STATED = RecordingMetadata(zeros={"q3": 1.5})
 )
 def test_an_option_answers_the_question_that_it_is_about(question, answers, answered):
     assert answers.is_answered(question) is answered
+
+
+@pytest.mark.parametrize(
+    ("columns", "check", "is_read"),
+    [(("time", "a", "f"), "", True), (("a", "f"), "", False), (("time", "a", "f"), "torque_scale", False)],
+)
+def test_a_file_that_leaves_the_meaning_open_is_read_like_one_with_the_same_columns(columns, check, is_read):
+    ours = {"t": "time", "q1": "a", "tau1": "f"}
+    known = RecordingMetadata(columns=ours, units={"q": "deg"}, effort_kind="joint_torque")
+    questions = (Question("effort_kind", "Torques?", ("joint_torque",), check),)
+    proposal = Proposal(ours, {}, "unknown", (), questions)
+    none = np.zeros((0, len(columns)))
+    inspection = Inspection(Path("b.csv"), "csv", columns, none, none, 0, proposal)
+    with nullcontext() if is_read else pytest.raises(DynidentError, match="open"):
+        read = accept_proposal(Path("b.csv"), inspection, has_gains=True, accepted=[known])
+        assert (read.units, read.effort_kind) == ({"q": "deg"}, "joint_torque")
 
 
 def test_without_a_robot_the_columns_are_listed(foreign):

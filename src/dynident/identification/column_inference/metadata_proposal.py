@@ -97,6 +97,11 @@ class Question:
     remedies: tuple[Remedy, ...] = ()
     is_curable: bool = False
 
+    @property
+    def is_about_meaning(self) -> bool:
+        """Whether it asks how columns are to be read: files of one logger have one answer."""
+        return not self.check and self.field.partition("/")[0] in ("columns", "units", "effort_kind")
+
     @classmethod
     def from_check(cls, field: str, check: Check) -> Question:
         """Ask about what a check has found, in its words."""

@@ -369,35 +369,47 @@ def group_other_names(
 ) -> list[ColumnGroup]:
     """Return signals of joints that the description calls otherwise, such as base_pos and base_torque.
 
-    As many columns as joints have the same words beside the signal's; they are in the order of the file, if the
-    dynamics do not contradict it. The parameters are those of `group_unnamed_columns`.
+    As many columns as joints, or more, as with a gripper or a free base, have the same words beside the signal's. They
+    are in the order of the file, if the dynamics do not contradict it. Parameters as of `group_unnamed_columns`.
     """
-    named, taken = work.column_names, {group.signal for group in groups}
-    members: dict[Signal, tuple[int, ...]] = {}
+    named, taken, n = work.column_names, {group.signal for group in groups}, work.robot.n
+    members: dict[Signal, list[int]] = {}
     joints: dict[Signal, list[frozenset[str]]] = {}
     for signal in _OF_JOINTS:
         columns = [index for index in rest if named[index].signal == signal and named[index].rank < _COMMANDED_RANK]
         words = [frozenset(named[index].words) for index in columns]
-        if len(columns) == work.robot.n > 1 and signal not in taken:
+        if len(columns) >= n > 1 and signal not in taken:
             own = [each - frozenset.intersection(*words) for each in words]
             if all(own) and len(set(own)) == len(own):
-                members[signal], joints[signal] = tuple(columns), own
-    effort = next((signal for signal in ("tau", "current") if signal in members), None)
-    if "q" not in members or effort is None or joints["q"] != joints[effort]:
+                members[signal], joints[signal] = columns, own
+    own = joints.get("q", [])
+    members = {signal: each for signal, each in members.items() if len(each) != len(own) or joints[signal] == own}
+    effort = next((signal for signal in _OF_JOINTS[2:] if signal in members), None)
+    if not own or effort is None:
         return []
-    if measure(members["q"], members[effort]) > _EXPLAINED:
+    # A free base has more positions than velocities: then the joints come first, or last.
+    spare = {signal: len(columns) - n for signal, columns in members.items()}
+    is_even = spare["q"] == spare[effort]
+    starts = [(k, k) for k in range(spare["q"] + 1)] if is_even else [(0, 0), (spare["q"], spare[effort])]
+    (share, first, _), *others = sorted(
+        (measure(tuple(members["q"][i : i + n]), tuple(members[effort][k : k + n])), i, k) for i, k in starts
+    )
+    if share > _EXPLAINED or (others and others[0][0] < _CLEARLY * share):
         return []
     reason = (
         "as many columns as joints, taken in the order of the file, as their names are of none of the robot's joints"
     )
+    if others:
+        reason = "those of the columns beside each other, as many as joints, that the robot's dynamics explain"
+    start = {signal: further if first == spare["q"] else first for signal, further in spare.items()}
     return [
-        ColumnGroup(columns, signal, named[columns[0]].unit, named[columns[0]].rank, named[columns[0]], reason)
+        ColumnGroup(chosen, signal, named[chosen[0]].unit, named[chosen[0]].rank, named[chosen[0]], reason)
         for signal, columns in members.items()
-        if joints[signal] == joints["q"]
+        if len(chosen := tuple(columns[start[signal] : start[signal] + n])) == n
     ]
 
 
-_OF_JOINTS: tuple[Signal, ...] = ("q", "dq", "tau", "current")
+_OF_JOINTS: tuple[Signal, ...] = ("q", "dq", "tau", "current", "effort")
 
 
 def group_unnamed_columns(
