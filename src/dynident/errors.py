@@ -170,6 +170,22 @@ def suggest_names(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
 
 
+def describe_missing_joint(name: str, joints: Iterable[str]) -> str:
+    """Return the sentence about a joint that a robot does not have, with the joints that it has.
+
+    Parameters
+    ----------
+    name : str
+        The name that was given.
+    joints : iterable of str
+        Names of the joints that there are.
+    """
+    names = list(joints)
+    return (
+        f"There is no joint {name!r}{suggest_names(name, names) or '.'} The joints are: {', '.join(names) or 'none'}."
+    )
+
+
 ELSEWHERE: Mapping[str, str] = {
     "cov_params": "covariance",
     "corr": "correlation",

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_origin, get_type_hints
 
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_missing_joint
 from dynident.file_output import check_folder_exists
 from dynident.known_robots import list_library_arms, locate_robot
 from dynident.recordings.file_names_and_digests import describe_folder, split_path
@@ -49,7 +49,7 @@ def parse_effect_place(text: str, joint_names: Sequence[str]) -> tuple[str, str]
     get_effect(effect, "--why")
     if joint and joint not in joint_names:
         raise DynidentError(
-            f"the robot has no joint {joint!r}; its joints are {', '.join(joint_names)}",
+            describe_missing_joint(joint, joint_names),
             pointer="--why",
             title="Unusable option",
         )
@@ -83,9 +83,7 @@ def parse_drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]
     gains = {name: parse_number(value, "--drive-gains") for name, value in parse_pairs([text], "--drive-gains").items()}
     for name in gains:
         if name not in joint_names:
-            raise DynidentError(
-                f"there is no joint {name!r}; the robot has: {', '.join(joint_names)}", pointer="--drive-gains"
-            )
+            raise DynidentError(describe_missing_joint(name, joint_names), pointer="--drive-gains")
     return gains
 
 

@@ -11,8 +11,8 @@
 """
 
 from dynident_client.client import Client
-from dynident_client.errors import JobCancelled, JobFailed, ProblemError
 from dynident_client.resource_objects import Computed, Job, Measurement, Page, Record, Report
+from dynident_client.transport import JobCancelled, JobFailed, ProblemError
 
 __all__ = [
     "Client",

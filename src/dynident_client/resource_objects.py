@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
 from dynident_client import answers
-from dynident_client.errors import JobCancelled, JobFailed
-from dynident_client.transport import Event, Transport
+from dynident_client.transport import Event, JobCancelled, JobFailed, Transport
 from dynident_client.upload_options import MeasurementOptions
 
 RecordT = TypeVar("RecordT", bound="Record")

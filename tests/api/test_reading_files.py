@@ -110,7 +110,7 @@ def test_gains_are_one_a_joint_or_by_the_joints_names() -> None:
     assert [drive.gain for drive in dy.load_robot("scara", drive_gains=[1, 2, 3, 4]).drives] == [1, 2, 3, 4]
     with pytest.raises(dy.DynidentError, match="3 drive gains for 4 joints"):
         dy.load_robot("scara", drive_gains=[1, 2, 3])
-    with pytest.raises(dy.DynidentError, match="no joint 'wrist'; the joints are: shoulder"):
+    with pytest.raises(dy.DynidentError, match=r"no joint 'wrist'\. The joints are: shoulder"):
         dy.load_robot("scara", drive_gains={"wrist": 1.0})
 
 

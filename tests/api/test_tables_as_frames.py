@@ -225,6 +225,14 @@ def test_a_designed_motion_is_what_is_saved(motion: dy.DesignedMotion, tmp_path:
     np.testing.assert_allclose(frame, saved, atol=1e-9)
 
 
+def test_a_motion_says_how_near_it_comes_to_each_limit(motion: dy.DesignedMotion) -> None:
+    limits = motion.limits.to_frame()
+    assert list(limits.columns) == ["joint", "limit", "reached", "allowed", "used"]
+    assert set(limits["joint"]) >= set(motion.robot.joint_names)
+    assert limits["used"].is_monotonic_decreasing
+    assert limits["used"].max() <= 1.0 + 1e-9
+
+
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 def test_what_is_a_frame_can_be_saved(
     compared: dy.Comparisons,

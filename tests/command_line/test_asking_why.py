@@ -25,7 +25,7 @@ def test_an_effect_and_its_joint_are_read():
 
 
 def test_what_does_not_exist_is_refused_with_what_does():
-    with pytest.raises(DynidentError, match="the robot has no joint 'knee'; its joints are shoulder, elbow"):
+    with pytest.raises(DynidentError, match=r"There is no joint 'knee'\. The joints are: shoulder, elbow"):
         parse_effect_place("backlash@knee", JOINTS)
     with pytest.raises(UnknownEffectError) as caught:
         parse_effect_place("magic@elbow", JOINTS)

@@ -97,6 +97,8 @@ def test_no_diagnosis_is_proposed_before_a_check_is_heeded(desk: Path, tmp_path:
         answer = dynident("identify", desk / "arm.urdf", *files, "-o", tmp_path / "model.npz")
         assert answer.code == 0, answer.err
         assert ("Next, find what is missing" in answer.out, "First correct" in answer.out) == (proposed, not proposed)
+        named = dynident("diagnose", tmp_path / "model.npz", *files)
+        assert named.out.startswith("First correct what the check torque delay of run1 names") == (not proposed)
 
 
 def test_the_next_steps_of_a_verdict_run_as_they_are_printed(desk: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -113,7 +114,8 @@ def test_more_friction_on_one_joint_is_told_as_that_with_what_it_was_before() ->
     assert holds(coulomb, "Fc3", 0.3 * 0.04 * EFFORT[2])
     assert coulomb.main.before == pytest.approx(0.04 * EFFORT[2], rel=0.1)
     assert coulomb.p_value <= 0.01
-    assert "Fc3 differs by +" in coulomb.evidence
+    # Every number has its unit, and the form that it has in the table.
+    assert re.search(r"Fc3 differs by \+[\d.]+ N m \([\d.]+ to [\d.]+ N m; [\d.]+ N m before\)\.", coulomb.evidence)
 
 
 def test_less_friction_is_told_as_well() -> None:

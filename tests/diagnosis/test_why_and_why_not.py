@@ -149,7 +149,7 @@ def test_every_effect_on_every_joint_has_an_outcome(peaked):
 def test_unknown_effects_and_joints_are_refused(peaked):
     with pytest.raises(UnknownEffectError):
         peaked.why_not("magic", NAMES[0])
-    with pytest.raises(DynidentError, match=r"there is no joint 'tail'\. The joints are"):
+    with pytest.raises(DynidentError, match=r"There is no joint 'tail'\. The joints are"):
         peaked.why_not("stribeck", "tail")
     with pytest.raises(DynidentError, match="earlier version"):
         replace(peaked, outcomes=()).why_not("stribeck")

@@ -203,6 +203,8 @@ def test_an_unknown_joint_is_answered_with_those_there_are():
     with pytest.raises(UnknownEffectError, match="no joint 'tail'") as caught:
         find_joints(EffectChoice("coulomb", ("tail",)), robot)
     assert all(name in caught.value.detail for name in robot.joint_names)
+    with pytest.raises(UnknownEffectError, match=r"no joint 'elbw'; did you mean 'elbow'\? The joints are: "):
+        find_joints(EffectChoice("coulomb", ("elbw",)), robot)
 
 
 def test_an_effect_that_cannot_sit_on_a_joint_says_where_it_can():

@@ -95,7 +95,7 @@ def test_the_gradient_is_exact_with_locked_joints_and_leaves_them_where_they_are
 
 
 def test_an_unknown_joint_and_joints_that_show_nothing_are_refused(ur10):
-    with pytest.raises(DynidentError, match="There is no joint tail") as caught:
+    with pytest.raises(DynidentError, match="There is no joint 'tail'") as caught:
         design_experiment(ur10, replace(QUICK, trajectory=replace(QUICK.trajectory, joints=("tail",))))
     assert caught.value.pointer == "/trajectory/joints"
     friction = (EffectChoice("viscous", joints=("elbow_joint",)),)

@@ -252,6 +252,16 @@ def moved(seconds: float) -> Recording:
     return record(ROBOT, motion, late)
 
 
+@pytest.mark.parametrize(("drift", "is_told"), [(0.002, True), (0.0, False)])
+def test_a_delay_that_grows_is_told_as_two_clocks(drift: float, is_told: bool) -> None:
+    motion, tau = measured()
+    clock = motion.t - 0.03 - drift * (motion.t - motion.t.mean())
+    late = np.stack([np.interp(clock, motion.t, column) for column in tau.T], axis=1)
+    checks = {check.name: check for check in build_dynamics_checks(ROBOT)(record(ROBOT, motion, late), Q, TAU) or ()}
+    assert checks["torque_delay"].status == "warning"
+    assert ("the two clocks run at different rates" in checks["torque_delay"].detail) == is_told
+
+
 @pytest.mark.parametrize("seconds", [0.02, 0.035, -0.02])
 def test_a_delay_that_no_right_log_has_is_told_with_its_cure(seconds: float) -> None:
     told = {one.name: one for one in build_dynamics_checks(ROBOT)(moved(seconds), Q, TAU) or ()}

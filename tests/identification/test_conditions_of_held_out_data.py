@@ -10,8 +10,8 @@ import pytest
 from support.drawn_recordings import Log, log, read
 
 from dynident.identification.identification_choices import IdentificationChoices
-from dynident.identification.identified_models.held_out_gain import describe_temperatures
 from dynident.identification.identified_models.identify_from_recordings import identify
+from dynident.identification.identified_models.other_conditions import describe_temperatures
 
 
 def describe(folder: Path, fit: Log, held: Log) -> str:
@@ -34,6 +34,15 @@ def test_other_friction_in_the_held_out_run_is_named_with_its_size(
     told = describe(tmp_path, replace(fit, tau=fit.tau + damping * velocity), held)
     assert "only friction differs in the validation recording" in told
     assert "viscous friction by -" in told
+
+
+def test_other_friction_of_single_joints_is_named_with_them(tmp_path: Path) -> None:
+    fit, held = log("ur10", 1), log("ur10", 11)
+    more = np.zeros(held.robot.n)
+    more[2] = 0.3 * np.std(held.tau[:, 2])
+    told = describe(tmp_path, fit, replace(held, tau=held.tau + more * np.gradient(held.q, held.t, axis=0)))
+    assert f"viscous friction of {held.robot.joint_names[2]} by +" in told
+    assert "the median" not in told
 
 
 def test_the_same_friction_with_another_model_error_is_not_called_other_friction(tmp_path: Path) -> None:

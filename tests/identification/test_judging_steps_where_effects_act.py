@@ -111,21 +111,21 @@ def test_a_first_model_has_nothing_to_be_confirmed(plain: Identification) -> Non
 
 
 @pytest.mark.parametrize(
-    ("totals", "preferred", "best", "rises"),
+    ("totals", "preferred", "best", "rises", "equal"),
     [
-        ([0.05, 0.03], [False, False], 1, ()),
-        ([0.05, 0.0499], [False, False], 0, ()),  # By less than anybody would notice, and not confirmed.
-        ([0.05, 0.0501], [False, True], 1, ()),  # Confirmed at other rows.
-        ([0.05, 0.06], [False, True], 0, (1,)),
-        ([0.05, 0.03, 0.04, 0.02], [False] * 4, 3, ()),
+        ([0.05, 0.03], [False, False], 1, (), ()),
+        ([0.05, 0.0499], [False, False], 0, (), (1,)),  # By less than anybody would notice, and not confirmed.
+        ([0.05, 0.0501], [False, True], 1, (), (0,)),  # Confirmed at other rows.
+        ([0.05, 0.06], [False, True], 0, (1,), ()),
+        ([0.05, 0.03, 0.04, 0.02], [False] * 4, 3, (), ()),
     ],
 )
 def test_the_best_step_is_that_of_the_smallest_error_or_of_the_same_and_confirmed(
-    totals: list[float], preferred: list[bool], best: int, rises: tuple[int, ...]
+    totals: list[float], preferred: list[bool], best: int, rises: tuple[int, ...], equal: tuple[int, ...]
 ) -> None:
     found = find_best_of_errors(totals, preferred)
     assert found is not None
-    assert (found.best, found.rises) == (best, rises)
+    assert (found.best, found.rises, found.equal) == (best, rises, equal)
 
 
 def test_t_is_of_roots_so_that_one_block_that_shows_much_does_not_hide_the_others() -> None:

@@ -66,6 +66,18 @@ def test_the_best_step_is_marked_and_named() -> None:
     assert [row[-1].text for row in joints.rows] == ["1.0 ×", "1.0 ×"]
 
 
+def test_a_model_is_not_called_best_when_another_predicts_as_well() -> None:
+    smaller = make_step(make_errors(0.2, 0.05, 0.1599), added=True)
+    table = build_ladder_table([make_step(FIRST), smaller], JOINTS)
+    assert [row[-1].text for row in table.rows] == ["✓ preferred", "equal"]
+    same = "Models 1 and 2 predict held-out data equally well where joints move; "
+    assert table.notes == (f"{same}model 1 is the simplest.",)
+    confirmed = make_step(FIRST, added=True, confirmed="reversing")
+    assert build_ladder_table([make_step(FIRST), confirmed], JOINTS).notes == (
+        f"{same}held-out data confirm what model 2 adds.",
+    )
+
+
 def test_two_ladders_of_different_lengths_stand_side_by_side() -> None:
     first, second = make_step(FIRST), make_step(make_errors(0.1, 0.06, 0.09), added=True)
     table = build_two_ladders_table(("a", "b"), ([first, second], [first]), JOINTS)

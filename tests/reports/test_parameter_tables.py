@@ -12,7 +12,14 @@ from dynident.effects import CATALOGUE, ShapeSpec
 from dynident.identification.shape_constant_intervals import ShapeConstant
 from dynident.presentation.model_tables import build_shape_table
 from dynident.presentation.recording_tables import ShownRecording, describe_findings
-from dynident.presentation.tables import Cell, ReportedTable, make_interval_cell, make_number_cell, make_text_cells
+from dynident.presentation.tables import (
+    Cell,
+    ReportedTable,
+    make_interval_cell,
+    make_number_cell,
+    make_percent_cell,
+    make_text_cells,
+)
 from dynident.presentation.validation_and_verdict_tables import build_figure_tables
 from dynident.recordings import Check
 from dynident_cli.printed_results import fold_joints
@@ -105,3 +112,9 @@ def test_what_is_found_of_several_recordings_alike_is_said_once() -> None:
         "! run1, run2, run3 and 2 more, gaps: a gap",
         "! run2, sampling jitter: it jitters",
     ]
+
+
+def test_a_column_of_numbers_stays_one_where_all_are_missing() -> None:
+    row = (Cell("run 1"), make_number_cell(None, unit="N m"), make_percent_cell(None))
+    table = ReportedTable("Runs", ("run", "error", "promised"), (row,))
+    assert [table.is_figures(k) for k in range(3)] == [False, True, True]

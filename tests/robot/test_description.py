@@ -9,6 +9,7 @@ from support.urdf_texts import EVERY_KIND, one_joint
 
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, robot_from_description
+from dynident.robot.joint import list_limbs
 
 ARM = Description("urdf", EVERY_KIND)
 TABLE = Description("modified_dh", '[{"name": "a/b"}, {"name": "c"}]')
@@ -40,10 +41,18 @@ BAD = {
     "limits of an unknown joint": (
         {"limits": {"knee": Limits()}},
         "/limits/knee",
-        "no joint 'knee'; joints: turn, lift",
+        "no joint 'knee'. The joints are: turn, lift",
     ),
-    "drive of an unknown joint": ({"drives": {"knee": Drive()}}, "/drives/knee", "no joint 'knee'; joints: turn, lift"),
-    "unknown joint locked": ({"locked_joints": {"knee": 0.0}}, "/locked_joints/knee", "no joint 'knee'; joints: turn"),
+    "drive of an unknown joint": (
+        {"drives": {"knee": Drive()}},
+        "/drives/knee",
+        "no joint 'knee'. The joints are: turn, lift",
+    ),
+    "unknown joint locked": (
+        {"locked_joints": {"knee": 0.0}},
+        "/locked_joints/knee",
+        "no joint 'knee'. The joints are: turn",
+    ),
     "fixed joint locked": ({"locked_joints": {"mount": 0.0}}, "/locked_joints/mount", "'mount' is fixed in the desc"),
     "locked nowhere": (
         {"locked_joints": {"lift": math.nan}},
@@ -131,3 +140,19 @@ def test_more_joints_than_a_machine_has_are_refused_before_they_fill_the_memory(
         robot_from_description("r", Description("modified_dh", json.dumps([{}] * 101)))
     assert caught.value.pointer == "/description/content"
     assert robot_from_description("r", Description("modified_dh", json.dumps([{}] * 100))).n == 100
+
+
+def test_a_robot_that_branches_has_limbs() -> None:
+    before = {"l_hip_joint": None, "l_knee_joint": "l_hip_joint", "waist_joint": None}
+    before |= {"l_arm_joint": "waist_joint", "r_arm_joint": "waist_joint", "r_hand_joint": "r_arm_joint"}
+    limbs = list_limbs(before)
+    assert [(limb.title, limb.parent) for limb in limbs] == [
+        ("all 6 joints", None),
+        ("l_hip to l_knee, 2 joints", 0),
+        ("waist", 0),
+        ("l_arm", 2),
+        ("r_arm to r_hand, 2 joints", 2),
+    ]
+    assert limbs[4].joints == ("r_arm_joint", "r_hand_joint")
+    assert list_limbs({"a": None, "b": "a"}) == []
+    assert list_limbs({}) == []

@@ -120,6 +120,25 @@ def test_an_accepted_finding_vetoes_no_use_whatever_its_sentence_says(
         assert [one.is_accepted for one in build_checks(sent)] == [expected]
 
 
+@pytest.mark.parametrize(("accept", "is_told"), [([], True), (["torque_delay"], False)])
+def test_a_diagnosis_names_the_check_to_heed_first(
+    client: TestClient, robot: dict[str, Any], accept: list[str], is_told: bool
+) -> None:
+    columns = sound()
+    late = {name: np.roll(values, 8) if name.startswith("tau") else values for name, values in columns.items()}
+    fitted = upload(client, robot, as_csv({name: values[8:] for name, values in late.items()}), accept=accept).json()
+    model = identified(client, robot, fitted["id"], [])
+    made = client.post("/v1/diagnoses", json={"identification_id": model}).json()["id"]
+
+    def ended() -> Any:
+        found = client.get(f"/v1/diagnoses/{made}").json()
+        return found if found["status"] in ("succeeded", "failed") else None
+
+    result = wait_for(ended, 120.0)["result"]
+    first = "First correct what the check torque delay of"
+    assert (result["summary"].startswith(first), result["conclusion"]["next_step"].startswith(first)) == 2 * (is_told,)
+
+
 def test_the_same_content_uploaded_twice_is_noticed(client: TestClient, robot: dict[str, Any]) -> None:
     ids = [upload(client, robot, as_csv(sound()), name=name).json()["id"] for name in ("run", "run")]
     found = client.get(f"/v1/identifications/{identified(client, robot, ids[0], ids[1:])}/verdict").json()

@@ -114,6 +114,21 @@ def test_all_files_are_confirmed_at_once_above_their_folded_columns(
 
 
 @pytest.mark.slow
+def test_files_that_are_confirmed_while_they_are_inspected_are_stored(
+    page: Any, heard: Any, recordings: tuple[Path, Path]
+) -> None:
+    the_robot(page)
+    # Inspecting takes a while: whoever does not wait for it is not left without an answer.
+    page.route("**/v1/imports", lambda route: (page.wait_for_timeout(500), route.continue_()))
+    page.set_input_files("#recordings", [str(path) for path in recordings])
+    expect(page.get_by_role("button", name="Confirm and store").first).to_be_disabled()
+    page.click("#confirm-all")
+    for path in recordings:
+        expect(page.locator(STORED).get_by_text(path.stem, exact=True)).to_be_visible()
+    assert heard.complaints == []
+
+
+@pytest.mark.slow
 def test_files_of_single_signals_are_joined_to_one_recording(
     page: Any, heard: Any, recordings: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -47,6 +47,7 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     page.set_viewport_size({"width": 1280, "height": 800})
     (campaign,) = ask(page, f"/campaigns?robot_id={robot}")["items"]
     assert campaign["achieved"] <= 0.05
+    assert "five per cent: 1 run" in {model["name"] for model in ask(page, "/identifications")["items"]}
     page.get_by_role("link", name="All campaigns").click()
     expect(page.locator("#campaigns-table")).to_contain_text("goal reached")
     expect(page.locator("#campaigns-table")).to_contain_text(re.compile(r"\d\s%5\.00\s%"))

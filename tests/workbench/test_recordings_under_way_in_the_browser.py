@@ -34,6 +34,10 @@ def test_estimates_come_while_the_robot_moves(page: Any, service: str, heard: An
             live.measurements.append_rows(measurement, part, offset=first)
             expect(page.locator("#live-state")).to_contain_text(f"{(first + 500) / 100:.3g}", timeout=30_000)
         expect(page.locator("#live-parameters tbody tr").first).to_contain_text("±")
+        # A value has the decimals of its standard deviation.
+        for text in page.locator("#live-parameters td.n").all_inner_texts():
+            value, deviation = (part.partition(".")[2] for part in text.split(" ± "))
+            assert len(value) == len(deviation) > 0
         expect(page.locator("#live-chart canvas")).to_be_visible()
         page.screenshot(path=tmp_path / "live.png", full_page=True)
         page.goto("/?view=recordings")

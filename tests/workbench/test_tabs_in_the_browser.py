@@ -8,6 +8,11 @@ from typing import Any
 import pytest
 from support.workbench_page import ask, identifier, open_tab, the_robot, upload
 
+import dynident as dy
+from dynident.robot import library_table
+from dynident_client import Client
+
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="this test needs axe-playwright-python")
 expect = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright").expect
 pytestmark = pytest.mark.slow
 
@@ -185,3 +190,34 @@ def test_a_diagnosis_on_its_way_is_found_again_after_a_reload(page: Any, model: 
     expect(page.locator("#verdict")).to_be_visible()
     open_tab(page, "Verdict")
     expect(page.locator("#error-table")).to_contain_text("noise floor")
+
+
+def test_a_limb_leaves_its_joints_alone_in_tables_and_figures(
+    page: Any, service: str, heard: Any, tmp_path: Path
+) -> None:
+    client, path = Client(service), tmp_path / "both arms.csv"
+    known = dy.design(dy.load_robot("dual_arm"), kind="random", duration=8.0, sampling_rate=100.0)
+    known.simulate().to_frame().to_csv(path, index=False)
+    robot = client.robots.create("both arms", modified_dh=library_table("dual_arm"))
+    model = client.identifications.create(robot, [client.measurements.upload(robot, path)]).wait()
+    limbs = ask(page, f"/robots/{robot.id}")["limbs"]
+    arm = next(limb for limb in limbs if limb["parent"] is not None and len(limb["joints"]) > 1)
+    page.goto(f"/?identification={model.id}&tab=verdict")
+    rows = page.locator("#error-table tbody tr:visible th")
+    expect(rows).to_have_count(known.robot.n + 1)
+    button = page.locator("nav.limbs").get_by_role("button", name=arm["title"], exact=True)
+    button.focus()
+    page.keyboard.press("Enter")
+    expect(button).to_have_attribute("aria-pressed", "true")
+    expect(rows).to_have_text([*arm["joints"], "all joints"])
+    open_tab(page, "Compare")
+    names = page.locator(".joint-row:visible button")
+    expect(names).to_have_text(arm["joints"])
+    # The chosen joint is one of them, and the address brings all of it back.
+    page.reload()
+    expect(names).to_have_text(arm["joints"])
+    expect(page.locator(".joint-row:visible button[aria-pressed=true]")).to_have_count(1)
+    assert axe.Axe().run(page, context="nav.limbs").response["violations"] == []
+    page.locator("nav.limbs button").first.click()
+    expect(names).to_have_count(known.robot.n)
+    assert heard.complaints == []

@@ -123,3 +123,10 @@ def test_a_file_that_is_not_of_the_page_is_a_problem(client: TestClient, path: s
 def test_the_page_is_no_part_of_the_contract(client: TestClient) -> None:
     paths = client.app.openapi()["paths"]  # type: ignore[attr-defined]
     assert all(path.startswith("/v1/") or path in ("/healthz", "/readyz", "/metrics") for path in paths)
+
+
+def test_every_kind_of_box_has_its_colours() -> None:
+    texts = {path: path.read_text(encoding="utf-8") for path in OWN}
+    kinds = {kind for text in texts.values() for kind in re.findall(r'"box ([a-z]+)', text)}
+    assert kinds
+    assert [kind for kind in kinds if f".box.{kind} {{ background" not in "".join(texts.values())] == []

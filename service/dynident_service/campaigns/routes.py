@@ -9,6 +9,7 @@ from dataclasses import replace
 from fastapi import APIRouter, Response
 
 from dynident.advice.campaign_request import describe_first_run
+from dynident.number_format import format_count
 from dynident_service.campaigns.wire_types import (
     MOST_STEPS,
     CampaignDecision,
@@ -204,7 +205,7 @@ def _new_model(
     return NewResource(
         "identification",
         to_plain_json(request),
-        name=_name_step(campaign, f"{len(earlier) + len(recording_ids)} runs"),
+        name=_name_step(campaign, format_count(len(earlier) + len(recording_ids), "run")),
         rests_on=(
             _depend_on_campaign(campaign),
             Dependency(body.robot_id, "robot", "robot", "/robot_id"),

@@ -35,7 +35,7 @@ from dynident_service.diagnoses.wire_types import Day as AskedDay
 from dynident_service.diagnoses.wire_types import DiagnosisRequest, NextExperimentResult, SeriesRequest
 from dynident_service.jobs.task_input_output import Outcome, Task
 from dynident_service.shared.field_by_field import to_request
-from dynident_service.shared.stored_inputs import load_stored_model, open_stored_recordings
+from dynident_service.shared.stored_inputs import load_stored_checks, load_stored_model, open_stored_recordings
 from dynident_service.shared.wire_types import to_plain_json
 
 
@@ -62,6 +62,7 @@ def diagnose_model(task: Task) -> Outcome:
         replace(choices, has=has, has_not=has_not),
         baseline=earlier,
         validation=open_stored_recordings(task, held_out_ids),
+        checks=load_stored_checks(task, [*measurement_ids, *held_out_ids]),
         progress=scale_progress(task.progress, 0.0, 0.9),
     )
     diagnosis = examined.diagnosis

@@ -11,6 +11,7 @@ from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 
+from dynident.robot.joint import list_limbs
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import make_unusable
@@ -69,9 +70,10 @@ async def create_robot(
 def show_robot(resource: Resource) -> RobotView:
     """Show a stored robot."""
     hardware = {part: resource.request.get(part, []) for part in ("has", "has_not")}
-    return RobotView.model_validate(
-        {**vars(resource), **(resource.result or {}), **hardware, "meshes": list_meshes(resource)}
-    )
+    result = resource.result or {}
+    limbs = list_limbs({joint["name"]: joint["antecedent"] for joint in result.get("joints", ())})
+    shown = {**vars(resource), **result, **hardware, "meshes": list_meshes(resource), "limbs": list(map(vars, limbs))}
+    return RobotView.model_validate(shown)
 
 
 def revise_hardware(robot: Resource, body: RobotChanges) -> Mapping[str, object]:

@@ -214,6 +214,14 @@ class RobotChanges(LabelsRequest):
     )
 
 
+class LimbView(ViewModel):
+    """A chain of joints between two branchings of the robot's tree, or the whole robot."""
+
+    title: str = Field(description="In words")
+    joints: list[str] = Field(description="From the base outwards")
+    parent: int | None = Field(description="Index of the limb that it branches off from; null for the whole robot")
+
+
 class RobotView(RobotResult, Labelled):
     """A stored robot."""
 
@@ -222,6 +230,9 @@ class RobotView(RobotResult, Labelled):
     created_at: datetime
     has: list[str] = Field(default=[], description="Parts that the robot has")
     has_not: list[str] = Field(default=[], description="Parts that it does not have")
+    limbs: list[LimbView] = Field(
+        default=[], description="The whole robot and its limbs, outwards; empty for a robot that does not branch"
+    )
     request: RobotRequest
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ from dynident.diagnosis.comparison.comparison_files import StoredComparison
 from dynident.diagnosis.monitoring.reduced_days import check_days
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
-from dynident.recordings import Recording, open_recording
+from dynident.recordings import Check, Recording, open_recording
 from dynident.robot import Robot
 from dynident_service.designs.adapters import restore_design
 from dynident_service.diagnoses.wire_types import Evidence
 from dynident_service.jobs.task_input_output import Task
-from dynident_service.measurements.adapters import open_stored_recording
+from dynident_service.measurements.adapters import open_stored_recording, restore_checks, to_recording_metadata
+from dynident_service.measurements.wire_types import MeasurementMetadata, MeasurementResult
 from dynident_service.problems import ProblemError
 from dynident_service.robots.adapters import restore_robot
 
@@ -83,6 +85,18 @@ def open_recording_by_id(task: Task, identifier: str) -> Recording:
 def open_stored_recordings(task: Task, identifiers: Sequence[str]) -> list[Recording]:
     """Open stored measurements."""
     return [open_recording_by_id(task, identifier) for identifier in identifiers]
+
+
+def load_stored_checks(task: Task, identifiers: Sequence[str]) -> dict[str, list[Check]]:
+    """Return the checks of stored measurements by the recordings' names."""
+    checks: dict[str, list[Check]] = {}
+    for identifier in identifiers:
+        measurement = task.resources.get("measurement", identifier)
+        accepted = to_recording_metadata(MeasurementMetadata.model_validate(measurement.request)).accept
+        own = restore_checks(MeasurementResult.model_validate(measurement.result).checks)
+        name = open_stored_recording(measurement, task.objects).name
+        checks.setdefault(name, []).extend(replace(check, is_accepted=check.name in accepted) for check in own)
+    return checks
 
 
 def load_stored_model(task: Task, identifier: str) -> Identification:

@@ -25,6 +25,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.prediction_region import collect_region
 from dynident.identification.robot_recording_import import build_recorded_joints
+from dynident.number_format import format_count
 from dynident.presentation.design_tables import build_campaign_table
 from dynident.presentation.tables import ReportedTable
 from dynident.progress import Progress, ignore_progress
@@ -254,7 +255,8 @@ class Campaign(Framed):
 
     def __repr__(self) -> str:
         table = self._build_table()
-        head = f"Campaign({self._state.robot.name}, {len(self._state.runs)} runs): {self.decision.sentence}"
+        runs = format_count(len(self._state.runs), "run")
+        head = f"Campaign({self._state.robot.name}, {runs}): {self.decision.sentence}"
         return table.to_text(head) if self._state.runs else head
 
     def _repr_html_(self) -> str:

@@ -14,7 +14,7 @@ from dynident.api.figure import Figure, join_figures
 from dynident.api.model import Model
 from dynident.api.model_diagnosis import DiagnosedModel
 from dynident.api.motion_arguments import resolve_simulation
-from dynident.api.named_tables import Framed, PlainText, Table
+from dynident.api.named_tables import Framed, PlainText, Table, build_columns
 from dynident.api.recording_collection import Recordings, SomeRecordings, as_recordings
 from dynident.api.recording_files import read_recordings
 from dynident.effects import EffectChoice
@@ -23,7 +23,7 @@ from dynident.excitation import Design, DesignRequest, design_experiment, write_
 from dynident.excitation.design_files import design_table
 from dynident.excitation.design_request import Kind
 from dynident.file_output import check_ending
-from dynident.presentation.design_tables import build_limits_table, describe_design
+from dynident.presentation.design_tables import LIMITS_COLUMNS, build_limits_table, describe_design
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import RecordingMetadata
 from dynident.recordings.arrow_tables import table_column_to_numbers
@@ -71,6 +71,17 @@ class DesignedMotion(Framed):
     def scaled_condition_number(self) -> float:
         """Condition number of W with columns of equal size, which has no units; as that of a `Model`."""
         return self.design.criterion_values.scaled_condition_number
+
+    @property
+    def limits(self) -> Table:
+        """How near the motion comes to each limit, the nearest first: joint, limit, reached, allowed, used.
+
+        `used` is the used part of the room, where 1 touches the limit; a position is counted from the middle of its
+        range. Values are in SI units.
+        """
+        margins = sorted(self.design.margins, key=lambda margin: -margin.share)
+        rows = [(margin.joint, margin.limit, margin.value, margin.bound, margin.share) for margin in margins]
+        return build_columns(LIMITS_COLUMNS, rows)
 
     def save(self, path: str | Path, speed: float = 1.0) -> None:
         """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.

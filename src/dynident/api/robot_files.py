@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from dynident.api.argument_checks import check_arguments, check_is_file
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_missing_joint
 from dynident.known_robots import find_library_arm, list_library_arms, locate_robot
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, robot_from_description, robot_from_library
@@ -267,7 +267,7 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
         gains = dict(zip(robot.joint_names, gains, strict=True))
     for joint in gains:
         if joint not in robot.joint_names:
-            detail = f"there is no joint {joint!r}; the joints are: {', '.join(robot.joint_names)}"
+            detail = describe_missing_joint(joint, robot.joint_names)
             raise DynidentError(detail, pointer="drive_gains", title=_ROBOT_TITLE)
     pairs = zip(robot.joint_names, robot.drives, strict=True)
     changed = (Drive(float(gains[n]), coupling=drive.coupling) if n in gains else drive for n, drive in pairs)

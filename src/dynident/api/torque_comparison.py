@@ -18,7 +18,7 @@ from dynident.api.recording_collection import CheckedRecording, SomeRecordings, 
 from dynident.array_types import FloatArray
 from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_missing_joint
 from dynident.file_output import TABLE_ENDINGS, check_ending
 from dynident.identification import Identification, check_same_recordings
 from dynident.number_format import format_percent
@@ -123,7 +123,7 @@ class ComparedRecording(Framed):
         # A misspelt joint is refused: leaving it out would look as if all had been drawn.
         strangers = [name for name in joints if name not in names]
         if strangers:
-            raise DynidentError(f"there is no joint {strangers[0]!r}; the joints are: {', '.join(names)}")
+            raise DynidentError(describe_missing_joint(strangers[0], names))
         indices = [names.index(name) for name in joints or names]
         parts = [
             draw_torque(self.comparison, indices[first : first + JOINTS_PER_FIGURE], self.name)

@@ -18,6 +18,7 @@ from dynident.diagnosis.search.search_state import Finding
 from dynident.effects import Column, EffectChoice, get_effect
 from dynident.estimation import Statistics
 from dynident.identification import Identification
+from dynident.number_format import format_number
 from dynident.robot.robot_model import Robot
 
 _NOTICED = 0.05
@@ -229,10 +230,11 @@ def describe_carrier(robot: Robot, choice: EffectChoice) -> str:
 def _word_change(choice: EffectChoice, value: ChangedValue, carrier: str) -> str:
     place = f" on {carrier}" if choice.joints else ""
     low, high = value.interval
-    unit = "" if value.unit == "-" else f" {value.unit}"
-    was = "" if value.before is None else f", {value.before:.3g} before"
+    unit = "" if value.unit == "-" else value.unit
+    change = f"{'+' if value.value > 0.0 else ''}{format_number(value.value)} {unit}".rstrip()
+    interval = f"{format_number(low)} to {format_number(high)} {unit}".rstrip()
+    was = "" if value.before is None else f"; {format_number(value.before)} {unit}".rstrip() + " before"
     together = " No single parameter differs significantly from zero; together they do." if low <= 0.0 <= high else ""
     return (
-        f"{get_effect(choice.effect).title}{place}: {value.parameter} differs by {value.value:+.3g}{unit} "
-        f"({low:+.3g} to {high:+.3g}{was}).{together}"
+        f"{get_effect(choice.effect).title}{place}: {value.parameter} differs by {change} ({interval}{was}).{together}"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,8 +12,32 @@ from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, DetectionL
 from dynident.diagnosis.search.identifiability_and_invisible_effects import compute_error_ratio
 from dynident.effects import get_effect
 from dynident.identification import Identification
+from dynident.identification.recording_faults import CAUSES
 from dynident.number_format import format_percent
+from dynident.recordings import Check
+from dynident.recordings.recording_metadata import DELAY
 from dynident.robot.joint import MANY_NAMES, join_joint_names
+
+_BEFORE_EFFECTS = (*CAUSES, DELAY, "position_jump", "torque_step", "joint_columns", "position_scale", "clock_rate")
+"""Checks whose findings explain an error better than a missing effect does."""
+
+
+def point_to_check(checks: Mapping[str, Sequence[Check]]) -> str:
+    """Say which check names a cause to correct before missing effects are looked for; "" where none does.
+
+    Parameters
+    ----------
+    checks : mapping of str to sequence of Check
+        The checks by recording.
+    """
+    for recording, own in checks.items():
+        for check in own:
+            if check.name in _BEFORE_EFFECTS and check.status != "ok" and not check.is_accepted:
+                return (
+                    f"First correct what the check {check.name.replace('_', ' ')} of {recording} names: it explains an "
+                    "error better than a missing effect does."
+                )
+    return ""
 
 
 def compute_held_out_ratio(identification: Identification) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from dynident.diagnosis.changes_between_recordings import (
 )
 from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
-from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude
+from dynident.diagnosis.conclusion import compute_held_out_ratio, conclude, point_to_check
 from dynident.diagnosis.decision_levels import DecisionRules
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices, check_recordings
 from dynident.diagnosis.diagnosis_result import (
@@ -76,7 +76,7 @@ from dynident.identification.description_prior import build_prior
 from dynident.identification.equations.reduced_recordings import split_friction_tests
 from dynident.parallel import single_threaded
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.recordings import Recording
+from dynident.recordings import Check, Recording
 from dynident.regressors.observation_matrix import RegressorInputs
 from dynident.robot.limits_and_drives import split_hardware
 
@@ -168,6 +168,7 @@ def examine(
     *,
     baseline: Sequence[Recording] = (),
     validation: Sequence[Recording] = (),
+    checks: Mapping[str, Sequence[Check]] | None = None,
     with_limits: bool = True,
     progress: Progress = ignore_progress,
 ) -> Examination:
@@ -183,6 +184,8 @@ def examine(
         Which effects are tried, and the levels that a request sets.
     baseline, validation : sequence of Recording, optional
         Earlier recordings of the same robot, and held-out ones, as for `diagnose`.
+    checks : mapping of str to sequence of Check, optional
+        What the checks of the recordings found, by name: a fault that one of them names looks like a missing effect.
     with_limits : bool
         Whether detection limits are computed, as for `diagnose`.
     progress : Progress
@@ -280,7 +283,11 @@ def examine(
         model.robot.joint_names,
         is_given_up=record.is_undetermined,
     )
+    pointed = point_to_check(checks or {})
+    if pointed:
+        conclusion = replace(conclusion, next_step=f"{pointed} Then diagnose again.")
     sentences = [
+        *([pointed] if pointed else []),
         *([word_changes(model.robot, changes, friction)] if changes is not None else []),
         *undisturbed.sentences,
         *cut_sentences,

@@ -10,7 +10,7 @@ from typing import Literal
 from dynident.array_types import FloatArray
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason, find_outcome
 from dynident.effects import EffectChoice, get_effect
-from dynident.errors import DynidentError, KnownNames, suggest_names
+from dynident.errors import DynidentError, KnownNames, describe_missing_joint
 
 Adequacy = Literal["adequate", "missing_effect", "unexplained", "cannot_tell"]
 Variable = Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
@@ -436,9 +436,7 @@ class Diagnosis(KnownNames):
             return outcome.reason
         joints = dict.fromkeys(name for outcome in self.outcomes for name in outcome.choice.joints)
         if joint and joint not in joints:
-            known = ", ".join(joints)
-            nearest = suggest_names(joint, joints) or "."
-            raise DynidentError(f"there is no joint {joint!r}{nearest} The joints are {known}", pointer="joint")
+            raise DynidentError(describe_missing_joint(joint, joints), pointer="joint")
         # Inertia is never a candidate: it is the model itself.
         return Reason.build("not_tried", why="it is part of every model")
 

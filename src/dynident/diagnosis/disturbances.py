@@ -26,6 +26,7 @@ from dynident.estimation import EstimationError, OutlyingSpan, Reduction, concat
 from dynident.identification import Identification
 from dynident.identification.identified_models.add_effects import extend_at_once
 from dynident.identification.identified_models.fit_model import identify_model
+from dynident.identification.identified_models.other_conditions import OtherLoad, find_other_load
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.pose_recordings import has_poses
@@ -43,10 +44,6 @@ _DELAYS = np.concatenate([np.arange(-0.3, 0.0, 0.01), np.arange(0.01, 0.301, 0.0
 
 _EXPLAINED = 0.7
 """Share of the squared residual that one delay of all joints must explain, as much as a push has to."""
-
-_UPRIGHT = 0.85
-"""Cosine of the angle between a force and gravity from which on it may as well be a weight that was carried: 32 deg.
-A load that is swung about and held by its side takes up to 27 of them."""
 
 _SMOOTH = 0.1
 """s over which the squared residual is averaged before the ends of a span are looked for."""
@@ -155,7 +152,7 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
         # A joint moves in these spans alone: without them there is no model, and nothing to hold them against.
         return UndisturbedData(identification, tuple(recordings), ())
     explained = [
-        disturbance if disturbance.cause else _add_contact(disturbance, reidentified, recordings[disturbance.recording])
+        disturbance if disturbance.cause else _explain(disturbance, reidentified, recordings[disturbance.recording])
         for disturbance in disturbances
     ]
     pushes = [
@@ -353,8 +350,11 @@ def _cut_out(recording: Recording, disturbances: Sequence[Disturbance], margin: 
     return recording.with_windows(tuple(windows))
 
 
-def _add_contact(disturbance: Disturbance, identification: Identification, recording: Recording) -> Disturbance:
-    """Return the disturbance with the push that explains it best, tried on all links."""
+def _explain(disturbance: Disturbance, identification: Identification, recording: Recording) -> Disturbance:
+    """Return the disturbance with the push that explains it best, tried on all links, or with another load.
+
+    In a short span, or in one posture, a force does what a load does: then it stays a push.
+    """
     model = identification.model
     robot = model.robot
     links = range(robot.tree.n) if robot.linkage is None else (robot.tree.n - 1,)
@@ -367,22 +367,41 @@ def _add_contact(disturbance: Disturbance, identification: Identification, recor
         for k in links
     ]
     choices = [EffectChoice(PUSH, (), tuple(sorted(shape.items())), (disturbance.run,)) for shape in shapes]
-    preprocessing, reference = identification.preprocessing, identification.estimate.next_reference()
-    inputs = RegressorInputs([recording], preprocessing, reference)
+    inputs = RegressorInputs([recording], identification.preprocessing, identification.estimate.next_reference())
     state = gather_state(model, build_pool_of_choices(model, choices), inputs, identification.noise)
     contacts = [
         contact
         for start in dict.fromkeys(window[0] for window in windows)
-        for contact in find_contacts(replace(state, pool=_select_window(state.pool, start)), preprocessing)
+        for contact in find_contacts(
+            replace(state, pool=_select_window(state.pool, start)), identification.preprocessing
+        )
     ]
-    if not contacts:
+    best = max(contacts, key=lambda contact: contact.judged.t, default=None)
+    load = _find_load(disturbance, identification, inputs, best)
+    if load is not None:
+        cause = f"the robot carried {load} than in the other seconds: a load was picked up or put down"
+        return replace(disturbance, cause=cause)
+    if best is None:
         return disturbance
-    best = max(contacts, key=lambda contact: contact.judged.t)
     names = [state.pool.observation.columns[k].parameter for k in best.judged.candidate.columns]
     amplitudes = dict(zip(names, best.judged.amplitudes.tolist(), strict=True))
     force = np.array([amplitudes.get(f"f{axis}", 0.0) + amplitudes.get(f"f{axis}h", 0.0) for axis in "xyz"])
     window = dict(best.judged.candidate.shape)
     return replace(disturbance, start=float(window["t0"]), end=float(window["t1"]), contact=best, force=force)
+
+
+def _find_load(
+    disturbance: Disturbance, identification: Identification, inputs: RegressorInputs, push: Finding | None
+) -> OtherLoad | None:
+    """Return the load that is another one in a disturbance; None where a push explains the residual as well."""
+    model, width = identification.model, _compute_filter_width(identification)
+    window = (disturbance.start + width, disturbance.end - width)
+    if window[0] >= window[1]:
+        return None
+    pool = build_pool_of_choices(model, [] if push is None else [push.judged.candidate.choice])
+    inside = replace(inputs, recordings=[inputs.recordings[0].with_windows((window,))])
+    rival = range(pool.n_base, len(pool.observation.columns))
+    return find_other_load(identification, reduce_recordings(pool.observation, inside), rival)
 
 
 def _select_window(pool: Pool, start: float) -> Pool:
@@ -423,14 +442,10 @@ def _word_push(disturbance: Disturbance, identification: Identification) -> str:
         return disturbance.cause
     robot = identification.model.robot
     link = int(dict(disturbance.contact.judged.candidate.shape).get("link", 0.0))
-    size, gravity = float(np.linalg.norm(disturbance.force)), robot.gravity
     # Where along the arm it is pushed, a few seconds hardly tell: a force farther out may do the same.
-    push = f"an external force acted on the link of {robot.tree.joint_names[link - 1]}, or on a link beyond it"
-    if not link:
-        push = f"an external force of about {size:.2g} N acted on the last link"
-    if size > 0.0 and float(disturbance.force @ gravity) > _UPRIGHT * size * float(np.linalg.norm(gravity)):
-        push += f", or it carried about {size / float(np.linalg.norm(gravity)):.2g} kg"
-    return push
+    if link:
+        return f"an external force acted on the link of {robot.tree.joint_names[link - 1]}, or on a link beyond it"
+    return f"an external force of about {np.linalg.norm(disturbance.force):.2g} N acted on the last link"
 
 
 def _can_be_added(

@@ -17,6 +17,7 @@ from dynident.effects.effect import Column, Effect, ShapeSpec
 from dynident.effects.effect_choices import EffectChoice
 from dynident.effects.effect_signals import MemorySignal, RunSignal, Signals
 from dynident.effects.predicted_torque_expressions import DRIVE_PARAMETERS
+from dynident.errors import describe_missing_joint
 from dynident.expressions.sines_and_cosines import substitute_angles
 from dynident.robot.robot_model import Robot
 
@@ -177,11 +178,8 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
     indices = []
     for name in choice.joints:
         if name not in robot.joint_names:
-            joint_names = ", ".join(robot.joint_names)
             raise UnknownEffectError(
-                f"there is no joint {name!r}; the joints of {robot.name} are: {joint_names}",
-                pointer=pointer,
-                title="Unknown joint",
+                describe_missing_joint(name, robot.joint_names), pointer=pointer, title="Unknown joint"
             )
         index = robot.joint_names.index(name)
         if index not in possible:

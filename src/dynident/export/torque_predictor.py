@@ -130,6 +130,12 @@ class TorquePredictor:
         self._model = model
         self._states = MemoryStates(model.observation.memory)
 
+    def __repr__(self) -> str:
+        robot = self._model.robot
+        return (
+            f"TorquePredictor({robot.name}: {robot.n} joints; step(q, dq, ddq) once a sample, reset() before a motion)"
+        )
+
     def reset(self) -> None:
         """Begin a new motion, with every joint relaxed."""
         self._states.restart()

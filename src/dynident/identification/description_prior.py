@@ -25,7 +25,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.effects import DEFAULT_EFFECTS, OFFSETS, Column, get_role
-from dynident.errors import DynidentError, suggest_names
+from dynident.errors import DynidentError, describe_missing_joint, suggest_names
 from dynident.estimation import PriorInformation
 from dynident.estimation.parameter_covariance import compute_null_space
 from dynident.identification.estimation_problem_options import DescriptionTrust
@@ -325,7 +325,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
     for index, name in enumerate(free_links):
         if name not in robot.joint_names:
             raise DynidentError(
-                f"there is no joint {name!r}; the joints of {robot.name} are: {', '.join(robot.joint_names)}",
+                describe_missing_joint(name, robot.joint_names),
                 pointer=f"/free_links/{index}",
                 title="Unknown joint",
             )

@@ -106,6 +106,9 @@ def _build_quality_table(design: Design) -> ReportedTable:
     return table.drop_columns(criterion) if design.request.criterion.name == "condition_number" else table
 
 
+LIMITS_COLUMNS = ("joint", "limit", "reached", "allowed", "used")
+
+
 def build_limits_table(robot: Robot, margins: Sequence[Margin], most: int | None = None) -> ReportedTable:
     """Return how near a motion comes to its limits, the nearest ones first.
 
@@ -127,9 +130,8 @@ def build_limits_table(robot: Robot, margins: Sequence[Margin], most: int | None
         )
         for margin in sorted(margins, key=lambda margin: -margin.share)[:most]
     )
-    columns = ("joint", "limit", "reached", "allowed", "used")
     title = "Nearest limits, on a grid ten times as fine as the sampling"
-    return ReportedTable(title, columns, rows, numbers_from=2, name="limits")
+    return ReportedTable(title, LIMITS_COLUMNS, rows, numbers_from=2, name="limits")
 
 
 def _get_limit_unit(robot: Robot, margin: Margin) -> str:
@@ -145,17 +147,18 @@ def _get_limit_unit(robot: Robot, margin: Margin) -> str:
 
 def build_expected_table(expected: Sequence[ExpectedParameter]) -> ReportedTable:
     """Return the precision with which a motion is expected to determine each parameter."""
+    # Without the noise of the torque there is no standard deviation, and a column of dashes says nothing.
+    is_stated = any(item.standard_deviation is not None for item in expected)
     rows = tuple(
         (
             *make_text_cells(item.name, item.link or "whole robot", get_effect_title(item.effect)),
-            make_number_cell(item.standard_deviation, unit=item.unit),
+            *[make_number_cell(item.standard_deviation, unit=item.unit)] * is_stated,
             make_percent_cell(item.share),
         )
         for item in expected
     )
-    is_stated = any(item.standard_deviation is not None for item in expected)
     hint = "Standard deviations need the noise of each joint's torque: state it among the limits and design again."
-    columns = ("parameter", "joint", "effect", "standard deviation", "not explained by others")
+    columns = ("parameter", "joint", "effect", *["standard deviation"] * is_stated, "not explained by others")
     title = "Parameters as this motion will determine them"
     return ReportedTable(title, columns, rows, 3, notes=() if is_stated else (hint,), name="expected")
 

@@ -114,7 +114,7 @@ def build_ladder_table(steps: Sequence[Step], joints: Sequence[str]) -> Reported
     )
     columns = ("model", "change", "parameters", "fit", "held out", "held out, all rows", "on held-out data")
     title = "Ladder of models: relative error where joints move, and on all rows"
-    sentence = describe_best_step(best, len(steps)) if _have_same_task(steps) else _NOT_COMPARABLE
+    sentence = describe_best_step(best, steps) if _have_same_task(steps) else _NOT_COMPARABLE
     marked_rows = () if best is None or len(steps) < 2 else (best.best,)
     return ReportedTable(
         title, columns, rows, 2, notes=(sentence,) if sentence else (), name="ladder", marked_rows=marked_rows
@@ -125,18 +125,30 @@ def _mark_step(best: BestStep | None, index: int, count: int) -> Cell:
     if best is None or count < 2:
         return Cell("")
     if index == best.best:
-        return Cell("✓ best", mark="ok")
+        return Cell("✓ preferred" if best.equal else "✓ best", mark="ok")
+    if index in best.equal:
+        return Cell("equal")
     return Cell("↑ rises", mark="warning") if index in best.rises else Cell("")
 
 
-def describe_best_step(best_step: BestStep | None, count: int) -> str:
-    """Return the sentence that says which of `count` models predicts held-out data best; "" without a choice."""
-    if best_step is None or count < 2:
+def describe_best_step(best_step: BestStep | None, steps: Sequence[Step]) -> str:
+    """Return the sentence that says which model of a ladder predicts held-out data best; "" without a choice."""
+    if best_step is None or len(steps) < 2:
         return ""
-    best = f"Model {best_step.best + 1} predicts held-out data best"
-    if not best_step.rises:
+    number = best_step.best + 1
+    best = f"Model {number} predicts held-out data best"
+    if best_step.equal:
+        # The smallest error alone does not decide, so no model is said to have it.
+        equal = " and ".join(str(k + 1) for k in sorted((best_step.best, *best_step.equal)))
+        is_confirmed = bool(steps[best_step.best].confirmed_by)
+        reason = (
+            f"held-out data confirm what model {number} adds" if is_confirmed else f"model {number} is the simplest"
+        )
+        best = f"Models {equal} predict held-out data equally well where joints move; {reason}"
+    harmful = [k for k in best_step.rises if k not in best_step.equal]
+    if not harmful:
         return f"{best}."
-    rise = best_step.rises[0] + 1
+    rise = harmful[0] + 1
     return f"{best}; from model {rise} on the held-out error is larger: the steps from there on do not help."
 
 

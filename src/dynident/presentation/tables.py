@@ -35,7 +35,7 @@ class Cell:
     note : str
         More about the cell, for those who ask.
     is_figures : bool
-        True where the text holds several numbers.
+        True where the text holds several numbers, or stands in a column of numbers for one that is missing.
     """
 
     text: str
@@ -181,12 +181,12 @@ def make_text_cells(*texts: str) -> list[Cell]:
 def make_number_cell(value: float | None, digits: int = 3, unit: str = "") -> Cell:
     """Return a cell for a number with its unit; "–" for None."""
     text = format_number(value, digits)
-    return Cell(f"{text} {unit}" if unit and value is not None else text, value)
+    return Cell(f"{text} {unit}" if unit and value is not None else text, value, is_figures=value is None)
 
 
 def make_percent_cell(value: float | None, digits: int = 3) -> Cell:
     """Return a cell for a fraction, in per cent."""
-    return Cell(format_percent(value, digits), value)
+    return Cell(format_percent(value, digits), value, is_figures=value is None)
 
 
 def make_percent_cells(values: Iterable[float | None]) -> list[Cell]:

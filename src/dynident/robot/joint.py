@@ -1,9 +1,9 @@
-"""`Joint`: kind, parent, axis, limits, and from which range on these limit nothing; contacts."""
+"""`Joint`: kind, parent, axis, limits, and from which range on these limit nothing; contacts; limbs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -151,3 +151,60 @@ def _merge_sides(joints: Sequence[str]) -> list[str]:
         has_both = name.replace("left", "right", 1) != name and name.replace("left", "right", 1) in names
         merged.append(name.replace("left", "left/right", 1) if has_both else name)
     return merged
+
+
+@dataclass(frozen=True)
+class Limb:
+    """A chain of joints between two branchings of a robot's tree, or the whole tree.
+
+    Parameters
+    ----------
+    title : str
+        In words: "left_hip_pitch to left_ankle_roll, 6 joints".
+    joints : tuple of str
+        Names of its joints, from the base outwards.
+    parent : int, optional
+        Which limb of the list it branches off from; none for the whole robot.
+    """
+
+    title: str
+    joints: tuple[str, ...]
+    parent: int | None
+
+
+def list_limbs(antecedents: Mapping[str, str | None]) -> list[Limb]:
+    """List the limbs of a robot: the whole robot first, and each limb after the one that it branches off from.
+
+    Parameters
+    ----------
+    antecedents : mapping of str to str or None
+        The preceding joint of every joint, in the robot's order; none on the base.
+
+    Returns
+    -------
+    list of Limb
+        Empty for a robot that does not branch: there is nothing to choose from.
+    """
+    following: dict[str | None, list[str]] = {}
+    for joint, antecedent in antecedents.items():
+        following.setdefault(antecedent, []).append(joint)
+    ending = _find_common_ending(list(antecedents))
+    limbs = [Limb(f"all {len(antecedents)} joints", tuple(antecedents), None)]
+    # The last one comes first from the list, so that limbs keep the robot's order.
+    beginnings = [(first, 0) for first in reversed(following.get(None, []))]
+    while beginnings:
+        first, parent = beginnings.pop()
+        chain = [first]
+        while len(following.get(chain[-1], ())) == 1:
+            chain += following[chain[-1]]
+        ends = [name.removesuffix(ending) for name in (chain[0], chain[-1])]
+        title = ends[0] if len(chain) == 1 else f"{' to '.join(ends)}, {len(chain)} joints"
+        limbs.append(Limb(title, tuple(chain), parent))
+        beginnings += [(branch, len(limbs) - 1) for branch in reversed(following.get(chain[-1], []))]
+    return limbs if len(limbs) > 2 else []
+
+
+def _find_common_ending(names: Sequence[str]) -> str:
+    """Return the last word of all names, such as "_joint"; "" where they do not share it."""
+    ending = "".join(names[0].rpartition("_")[1:]) if names else ""
+    return ending if all(name.endswith(ending) and name != ending for name in names) and "_" in ending else ""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_missing_joint
 from dynident.robot.json_fields import join_names, make_pointer
 from dynident.robot.limits_and_drives import TITLE, Drive, Limits
 
@@ -147,7 +147,7 @@ def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] 
             if name in fixed:
                 raise _make_error(f"Joint '{name}' is fixed in the description; leave it out.", part, name)
             if name not in moving_names:
-                raise _make_error(f"There is no joint '{name}'; joints: {join_names(moving)}.", part, name)
+                raise _make_error(describe_missing_joint(name, moving), part, name)
             if part == "drives" and name in settings.locked_joints:
                 raise _make_error(f"Joint '{name}' is locked, so it cannot have a drive.", part, name)
     for joint, drive in settings.drives.items():

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.comparison.data_leakage import DataOverlap, find_overlaps
+from dynident.diagnosis.conclusion import point_to_check
 from dynident.errors import DynidentError, Note, join_notes, word_notes, write_argument
 from dynident.estimation import Errors, OutlyingSpan, find_outlying_spans
 from dynident.identification import Identification
@@ -47,7 +48,7 @@ from dynident.verdict.held_out_evidence import (
     compute_detectable_force,
     compute_detectable_mass,
 )
-from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless, point_to_check
+from dynident.verdict.stop_cause import Stop, find_stop_cause, is_hopeless
 
 TESTS: Mapping[UseName, str] = {
     "simulation": "Can bodies have these parameters, and how far does a simulated robot drift from held-out motions "

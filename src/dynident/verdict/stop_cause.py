@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,29 +15,7 @@ from dynident.identification.recording_faults import CAUSES, check_recording_fau
 from dynident.identification.thresholds import LARGEST_CONDITION_NUMBER, OVERFIT, STOP
 from dynident.number_format import format_percent
 from dynident.recordings import Check, Recording, Revision
-from dynident.recordings.recording_metadata import DELAY
 from dynident.robot import Robot
-
-_BEFORE_EFFECTS = (*CAUSES, DELAY, "torque_step", "joint_columns", "position_scale", "clock_rate")
-"""Checks whose findings explain an error better than a missing effect does."""
-
-
-def point_to_check(checks: Mapping[str, Sequence[Check]]) -> str:
-    """Say which check names a cause to correct before missing effects are looked for; "" where none does.
-
-    Parameters
-    ----------
-    checks : mapping of str to sequence of Check
-        The checks by recording.
-    """
-    for recording, own in checks.items():
-        for check in own:
-            if check.name in _BEFORE_EFFECTS and check.status != "ok" and not check.is_accepted:
-                return (
-                    f"First correct what the check {check.name.replace('_', ' ')} of {recording} names: it explains an "
-                    "error better than a missing effect does."
-                )
-    return ""
 
 
 @dataclass(frozen=True)

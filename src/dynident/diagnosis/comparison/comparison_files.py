@@ -21,7 +21,7 @@ from dynident.diagnosis.comparison.residual_autocorrelation_and_spectra import (
     autocorrelation,
     time_spectrum,
 )
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_missing_joint
 from dynident.recordings.arrow_tables import table_column_to_floats, table_from_arrays
 from dynident.recordings.joint_phases import Phase
 
@@ -330,7 +330,7 @@ class StoredComparison:
 
     def _find_joint(self, joint: str) -> int:
         if joint not in self.joint_names:
-            detail = f"there is no joint {joint!r}; there are: {', '.join(self.joint_names)}"
+            detail = describe_missing_joint(joint, self.joint_names)
             raise DynidentError(detail, pointer="joint", title="Unknown joint")
         return self.joint_names.index(joint)
 

@@ -318,7 +318,7 @@ class _Batch:
         drops = np.min([side.drops for side in sides], axis=0)
         removed = np.mean([side.removed for side in sides], axis=0)
         accepted = self._reduce_joints(_compute_error_drops(sides)) >= RULES.least_error_drop
-        floor = np.array([each.floor for each in self.planted])[:, :, None]
+        floor = np.maximum(np.array([each.floor for each in self.planted])[:, :, None], np.finfo(float).eps)
         own_drops, own_removed = self._reduce_joints(drops), self._reduce_joints(removed / floor)
         for k, each in enumerate(self.planted):
             least_drop = find_least_drops(each.separability, t[k])

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, describe_missing_joint
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.criteria.optimality_criteria import (
     Criterion,
@@ -262,7 +262,7 @@ def compute_row_weights(model: DesignModel, noise: Mapping[str, float]) -> Float
         at = make_pointer(name, within="/noise")
         if name not in model.robot.joint_names:
             raise DynidentError(
-                f"There is no joint '{name}'; joints: {join_names(model.robot.joint_names)}.",
+                describe_missing_joint(name, model.robot.joint_names),
                 pointer=at,
                 title="Unknown joint",
             )

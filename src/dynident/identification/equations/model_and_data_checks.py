@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.effects import EffectChoice, get_effect
+from dynident.effects import EffectChoice, get_effect, get_role
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, PriorInformation, Reduction, build_weighted_factor
 from dynident.identification.estimation_problem_options import ModelName
@@ -317,14 +317,25 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
             "(in this motion they act alike, as friction and an offset do where a joint moves in one direction only); "
             "add a run in which the joint also moves back, or leave one of the effects out"
             if _act_alike(model, reduction, unseen)
-            else "(the data do not determine the parameters of a joint that moves too little); lock that joint, leave "
-            "its effects out, or add a run in which it moves; if it did move, its position was not recorded"
+            else "(the data do not determine the parameters of a joint that moves too little"
+            f"{_name_still_joints(model, unseen)}); lock that joint, leave its effects out, or add a run in which it "
+            "moves; if it did move, its position was not recorded"
         )
         raise EstimationError(
             f"not identifiable from these data: {_name_parameters(model, unseen)} {why}{stands}",
             pointer="/recordings",
             title="Not identifiable",
         )
+
+
+def _name_still_joints(model: Model, unseen: Sequence[str]) -> str:
+    """Return ": joint1, joint4", the joints without any friction that is determined; "" where there is none."""
+    friction: dict[str, list[str]] = {}
+    for column in model.kept:
+        if get_role(column) in ("dry", "damping"):
+            friction.setdefault(column.link, []).append(column.name)
+    still = [joint for joint, names in friction.items() if set(names) <= set(unseen)]
+    return f": {', '.join(still)}" if still else ""
 
 
 def _act_alike(model: Model, reduction: Reduction, names: Sequence[str]) -> bool:

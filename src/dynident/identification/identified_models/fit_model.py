@@ -17,7 +17,6 @@ from dynident.identification.equations.model_and_data_checks import check_reduct
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
 from dynident.identification.estimation_problem import Problem, ShapeUncertainty
 from dynident.identification.identification_choices import IdentificationChoices
-from dynident.identification.identified_models.held_out_gain import describe_other_conditions
 from dynident.identification.identified_models.identification_result import (
     NONE_IN_MEMORY,
     Estimate,
@@ -25,6 +24,7 @@ from dynident.identification.identified_models.identification_result import (
     IdentifiedParameter,
     RowsInMemory,
 )
+from dynident.identification.identified_models.other_conditions import describe_other_conditions
 from dynident.identification.shape_constant_intervals import judge_shape_constants
 from dynident.identification.shape_refinement import reduce_with_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
@@ -36,7 +36,7 @@ from dynident.identification.thresholds import (
     LOAD_AND_GAINS,
     OVERFIT,
 )
-from dynident.number_format import format_percent
+from dynident.number_format import format_number, format_percent
 from dynident.parallel import defer
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
@@ -306,8 +306,8 @@ def _warn_of_friction_signs(identification: Identification) -> list[str]:
     if not has_plain_friction(identification.model):
         return []
     return [
-        f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
-        "its torque and the order of the torque columns."
+        f"{parameter.name} on {parameter.link} is negative ({format_number(parameter.value)} {parameter.unit}): check "
+        "the sign of its torque and the order of the torque columns."
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
         if get_role(column) in FRICTION_ROLES
         and not column.runs

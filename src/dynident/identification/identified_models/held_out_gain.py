@@ -12,15 +12,11 @@ from types import MappingProxyType
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.effects import get_effect, get_role
+from dynident.effects import get_effect
 from dynident.estimation import Reduction
 from dynident.estimation.residual_errors import compute_evenness, compute_t
-from dynident.identification.description_prior import FRICTION_ROLES
 from dynident.identification.identified_models.identification_result import Identification
-from dynident.identification.standard_parameters import find_bodies
-from dynident.identification.thresholds import OVERFIT
 from dynident.number_format import format_percent
-from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import (
     FittedPhase,
     compute_errors_by_phase,
@@ -266,10 +262,14 @@ class BestStep:
         Number of the best step, from the first model of the ladder on.
     rises : tuple of int
         Steps above the best one whose held-out error is larger than the best one's.
+    equal : tuple of int
+        Other steps whose held-out error is the same up to what nobody would notice: the best one is then the simplest,
+        or the one whose addition held-out data confirm elsewhere.
     """
 
     best: int
     rises: tuple[int, ...]
+    equal: tuple[int, ...] = ()
 
 
 def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> BestStep | None:
@@ -295,7 +295,9 @@ def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> B
         # What lowers the error by less than anybody would notice, and is not confirmed, is no better.
         if total * SAME_ERROR < totals[best] or (k > 0 and preferred[k] and total <= SAME_ERROR * totals[best]):
             best = k
-    return BestStep(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
+    rises = tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best])
+    low, high = totals[best] / SAME_ERROR, totals[best] * SAME_ERROR
+    return BestStep(best, rises, tuple(k for k, total in enumerate(totals) if k != best and low <= total <= high))
 
 
 def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:
@@ -315,133 +317,3 @@ def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray
         for equation, sigma in zip(data.equations, np.where(noise > 0, noise, 1.0), strict=True)
     ]
     return np.asarray(np.sum(parts, axis=0))
-
-
-_FELT, _LEFT = 1e-9, 0.1
-"""Relative size of the parameters of a load below which the motion shows none; share of the error that a cause may
-leave, where the held-out motion has more than noise, as at starts and stops."""
-
-
-@dataclass(frozen=True, eq=False)
-class _HeldOutResidual:
-    """Held-out rows over their noise: in all base parameters (m, b), the residual (m,) and how many rows it has.
-
-    `by_gains` is the squared residual that a gain for each joint leaves.
-    """
-
-    rows: FloatArray
-    residual: FloatArray
-    n_rows: float
-    by_gains: float
-
-    def solve(self, change: FloatArray) -> tuple[FloatArray, float]:
-        """Return what of some changes (b, c) of the parameters explains most, and the squared residual it leaves."""
-        observed = self.rows @ change
-        sizes = np.maximum(np.linalg.norm(observed, axis=0), np.finfo(float).tiny)
-        amounts = np.linalg.lstsq(observed / sizes, self.residual, rcond=_FELT)[0] / sizes
-        return amounts, float(((self.residual - observed @ amounts) ** 2).sum())
-
-    def explains(self, unexplained: float) -> bool:
-        """Return whether a cause leaves what the fit leaves, or hardly any, and much less than gains of the joints."""
-        most = max(OVERFIT**2 * self.n_rows, _LEFT**2 * float(self.residual @ self.residual))
-        return unexplained <= most and self.by_gains > OVERFIT**2 * unexplained
-
-
-def describe_other_conditions(identification: Identification) -> str:
-    """Say what differs in the held-out recordings, another load or friction; "" where neither explains their error.
-
-    A load changes the ten parameters of the last link alone, and friction two of each joint, so that few numbers have
-    to explain all joints' torques.
-
-    Parameters
-    ----------
-    identification : Identification
-        The identified model.
-    """
-    data, model, values = identification.data.held_out, identification.model, identification.values
-    if data is None or model.robot.linkage is not None:
-        return ""
-    rows, residuals, by_gains = [], [], 0.0
-    for equation, sigma in zip(data.equations, identification.estimate.noise, strict=True):
-        factor = equation.whole_factor / (sigma or 1.0)
-        own = np.zeros((len(factor), len(values)))
-        own[:, equation.columns] = factor[:, :-1]
-        predicted = own @ values
-        gain = float(predicted @ factor[:, -1]) / max(float(predicted @ predicted), np.finfo(float).tiny)
-        by_gains += float(((factor[:, -1] - gain * predicted) ** 2).sum())
-        rows.append(own)
-        residuals.append(factor[:, -1] - predicted)
-    n_rows = sum(float(equation.counts.sum()) for equation in data.equations)
-    residual = _HeldOutResidual(np.concatenate(rows), np.concatenate(residuals), n_rows, by_gains)
-    return _describe_other_load(identification, data, residual) or _describe_other_friction(identification, residual)
-
-
-def _describe_other_load(identification: Identification, data: Reduction, residual: _HeldOutResidual) -> str:
-    model = identification.model
-    inner = {joint.parent for joint in model.robot.joints}
-    reach = sum(float(np.linalg.norm(joint.placement[:3, 3])) for joint in model.robot.joints)
-    links = {name for place, name in enumerate(model.robot.joint_names) if place not in inner}
-    for body in find_bodies(model.columns):
-        if body.link not in links:
-            continue
-        change = model.base.grouping[:, body.columns]
-        load, unexplained = residual.solve(change)
-        # Mass and centre have to be a body's: any ten numbers explain some of any error.
-        mass, centre = float(load[-1]), float(np.linalg.norm(load[6:9]))
-        if not residual.explains(unexplained) or not abs(mass) > 0.0 or centre > reach * abs(mass):
-            continue
-        left = compute_moving_errors(data, identification.values + change @ load).relative_total
-        more = "more" if mass > 0.0 else "less"
-        return (
-            f"the validation recording may carry another load. One on {body.link} of {abs(mass):.2g} kg {more} than "
-            f"in the fit leaves {format_percent(left, decimals=1)}. If so, validate with the load of the fit, or "
-            "identify with the one that the model is for."
-        )
-    return ""
-
-
-def _describe_other_friction(identification: Identification, residual: _HeldOutResidual) -> str:
-    columns = identification.model.kept
-    roles = {role: [k for k, column in enumerate(columns) if get_role(column) == role] for role in FRICTION_ROLES}
-    places = [place for own in roles.values() for place in own]
-    change, unexplained = residual.solve(np.eye(len(columns))[:, places])
-    if not places or not residual.explains(unexplained):
-        return ""
-    changes = dict(zip(places, change, strict=True))
-    names = {"dry": "Coulomb friction", "damping": "viscous friction"}
-    shares = [
-        f"{names[role]} by {100.0 * float(np.median([changes[k] / identification.values[k] for k in own])):+.0f} %"
-        for role, own in roles.items()
-        if own
-    ]
-    return (
-        f"only friction differs in the validation recording ({', '.join(shares)}, the median over the joints), as if "
-        "the drives were warmer or colder. Make both recordings at the same temperature, or record the fit from cold "
-        "to warm: a fit over a few degrees holds only for these."
-    )
-
-
-def describe_temperatures(recordings: Sequence[Recording], validation: Sequence[Recording]) -> tuple[str, ...]:
-    """Say that the held-out recordings have temperatures that the fit has not; nothing where none were recorded.
-
-    Parameters
-    ----------
-    recordings, validation : sequence of Recording
-        Data of the fit, and held-out data.
-    """
-    if not validation or not all(recording.has_temperature for recording in (*recordings, *validation)):
-        return ()
-    (low, high), (held_low, held_high) = (_find_temperatures(own) for own in (recordings, validation))
-    # As far outside the fit's range as this is wide, friction is not known from it.
-    if max(held_low - high, low - held_high) <= high - low:
-        return ()
-    return (
-        f"The joints have {held_low:.0f} to {held_high:.0f} degC in the validation data and {low:.0f} to {high:.0f} in "
-        "the fit: their friction differs there, and the fit does not show how it depends on temperature.",
-    )
-
-
-def _find_temperatures(recordings: Sequence[Recording]) -> tuple[float, float]:
-    blocks = (block for recording in recordings for block in recording.source.rows(0, recording.n_samples, 1 << 16))
-    means = [np.nanmedian(block.temperature, axis=0) for block in blocks if block.temperature is not None]
-    return float(np.min(means)), float(np.max(means))

@@ -38,8 +38,8 @@ from dynident.identification.equations.reduced_recordings import split_friction_
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.identification.identified_models.fit_model import FIRST_MOMENT, identify_model
 from dynident.identification.identified_models.gravity_from_poses import are_poses, identify_poses
-from dynident.identification.identified_models.held_out_gain import describe_temperatures
 from dynident.identification.identified_models.identification_result import Identification
+from dynident.identification.identified_models.other_conditions import describe_temperatures
 from dynident.identification.shape_search import check_choices, complete_shapes, lacks_shape
 from dynident.number_format import format_percent
 from dynident.parallel import defer, single_threaded

@@ -64,8 +64,8 @@ class PredictedTorque:
 
     def __repr__(self) -> str:
         return (
-            f"PredictedTorque(shape {self.torque.shape}; .torque, .lower and .upper: {self.level:.4g} interval of what "
-            "would be measured; .mean_half_width and .se_mean: of the model's own torque)"
+            f"PredictedTorque(shape {self.torque.shape}; .torque, .lower and .upper: {100 * self.level:.4g} % interval "
+            "of what would be measured; .mean_half_width and .se_mean: of the model's own torque)"
         )
 
 

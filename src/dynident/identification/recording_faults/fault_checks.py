@@ -52,6 +52,7 @@ from dynident.identification.recording_faults.rows_for_fault_search import (
     thin_out,
 )
 from dynident.identification.recording_faults.torque_scale import TorqueScale, find_torque_scales
+from dynident.identification.recording_faults.tree_fit import BLOCKS
 from dynident.identification.recording_faults.unexplained_torque import UnexplainedTorque
 from dynident.number_format import format_percent
 from dynident.parallel import single_threaded
@@ -83,6 +84,9 @@ VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign"
 CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling", ZERO)
 """Checks that name possible causes where a model fails."""
 
+_DRIFT = 8e-3
+"""s; with a constant delay, those of the halves of recordings of a UR10e differ by up to 7 ms, of drawn arms by 1."""
+
 _HARDLY_BETTER = 1.1
 """Ratio of the unexplained shares with and without a fault, below which negative friction is why it is reported."""
 
@@ -111,11 +115,6 @@ def build_dynamics_checks(robot: Robot) -> ModelChecks:
 
     The function takes a recording and the user's names of its position and torque columns. It returns None where the
     dynamics say nothing about them.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
     """
 
     def check(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
@@ -323,18 +322,37 @@ def _check_delay(
         return (Check(DELAY, "ok", f"{shown}, {usual}."),)
     seconds = float(f"{delay.seconds:.2g}")
     remedy = Remedy(DELAY, seconds)
-    check = Check(
-        DELAY,
-        "warning",
-        f"The torque is about {1e3 * abs(delay.seconds):.0f} ms {word} against the position: the robot's dynamics "
-        f"leave {format_percent(delay.left_with, decimals=1)} of an average joint's torque unexplained, and "
-        f"{format_percent(delay.left_without, decimals=1)} without this delay. Log both at the same instant, or "
-        f"correct the delay by {remedy} (in s).",
-        tau[0],
-        apply=Revision(torque_delay=seconds),
-        remedies=(remedy,),
+    return (
+        Check(
+            DELAY,
+            "warning",
+            f"The torque is about {1e3 * abs(delay.seconds):.0f} ms {word} against the position: the robot's dynamics "
+            f"leave {format_percent(delay.left_with, decimals=1)} of an average joint's torque unexplained, and "
+            f"{format_percent(delay.left_without, decimals=1)} without this delay."
+            f"{_word_drift(robot, motion, period, judges, seconds)} Log both at the same instant, or correct the delay "
+            f"by {remedy} (in s).",
+            tau[0],
+            apply=Revision(torque_delay=seconds),
+            remedies=(remedy,),
+        ),
     )
-    return (check,)
+
+
+def _word_drift(robot: Robot, motion: Motion, period: float, judges: HeldOutFits, seconds: float) -> str:
+    """Say that a delay of so many seconds grows over the recording; "" where it does not."""
+    m, halves = len(motion.q) // 2, []
+    for rows in (slice(0, m), slice(m, 2 * m)):
+        q, dq, ddq, tau = (signal[rows] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+        part = Motion(q, dq, ddq, tau, np.arange(m) * BLOCKS // m, motion.t[rows])
+        delay = find_delay(robot, part, period, judges)
+        halves.append(seconds if delay is None or delay.is_at_the_end else delay.seconds)
+    # From none at the beginning to twice the mean at the end, those of the halves differ by the mean.
+    if abs(halves[1] - halves[0]) <= max(_DRIFT, 0.5 * abs(seconds)):
+        return ""
+    return (
+        f" In the first half it is {1e3 * halves[0]:.0f} ms and in the second {1e3 * halves[1]:.0f} ms: the two clocks "
+        "run at different rates, and no one delay corrects that."
+    )
 
 
 def _report_scales(

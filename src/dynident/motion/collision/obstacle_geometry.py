@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from dynident.array_types import FloatArray
-from dynident.errors import DynidentError, Note, Remedy
+from dynident.errors import DynidentError, Note, Remedy, describe_missing_joint
 from dynident.motion.collision.surroundings import Box, Surroundings, ToolRange, Wall
 from dynident.number_format import format_percent
 from dynident.robot.collision_shapes import Block
@@ -273,7 +273,7 @@ def _check_tool(tool: ToolRange, joint_names: Sequence[str] | None) -> None:
             )
     if tool.joint is not None and joint_names is not None and tool.joint not in joint_names:
         raise DynidentError(
-            f"There is no joint '{tool.joint}'; joints: {', '.join(joint_names)}.",
+            describe_missing_joint(tool.joint, joint_names),
             pointer=f"{at}/joint",
             title="Unknown joint",
         )

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.errors import DynidentError, Note, Remedy
+from dynident.errors import DynidentError, Note, Remedy, describe_missing_joint
 from dynident.motion.collision.constraint_slack import FollowerRates, LoopConstraints
 from dynident.motion.collision.free_space import FreeSpace, build_free_space
 from dynident.motion.collision.obstacle_geometry import Surroundings, check_surroundings
@@ -46,7 +46,7 @@ def select_moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolA
     unknown = [name for name in selected if name not in names]
     if unknown:
         raise DynidentError(
-            f"There is no joint {join_names(unknown)}; joints: {join_names(names)}.",
+            describe_missing_joint(unknown[0], names),
             pointer="/trajectory/joints",
             title="Unknown joint",
         )
@@ -235,7 +235,7 @@ def build_bounds(
     for name in overrides:
         if name not in robot.tree.joint_names:
             raise DynidentError(
-                f"There is no joint '{name}'; joints: {join_names(robot.tree.joint_names)}.",
+                describe_missing_joint(name, robot.tree.joint_names),
                 pointer=make_pointer(name, within=at),
                 title="Unknown joint",
             )

@@ -85,7 +85,7 @@ export function section(name, title, ...body) {
 
 /** A button that chooses a joint of a model. */
 export function jointButton(model, joint, props = {}) {
-  return h("button", { type: "button", "aria-pressed": String(joint === model.joint), onclick: () => model.chooseJoint(joint), ...props }, joint);
+  return h("button", { type: "button", "data-joint": joint, "aria-pressed": String(joint === model.joint), onclick: () => model.chooseJoint(joint), ...props }, joint);
 }
 
 /** Figures that stand out: [name, value, what more there is to say, id of the value or null] each. */

@@ -21,6 +21,13 @@ export function quantity(value, unit, digits = 3) {
   return figure === "–" || unit === "-" || !unit ? figure : `${figure}${SPACE}${unit}`;
 }
 
+/** A value with its standard deviation, both with as many decimals. */
+export function estimated(value, deviation) {
+  if (!(deviation >= 1e-9) || Math.abs(value) >= 1e6) return `${number(value)} ± ${deviation === null ? "?" : number(deviation, 2)}`;
+  const places = decimals(deviation, 2);
+  return minus(`${value.toFixed(places)} ± ${deviation.toFixed(places)}`);
+}
+
 /** A fraction as per cent. */
 export function percent(fraction, digits = 3) {
   if (fraction === null || fraction === undefined || Number.isNaN(fraction)) return "–";

@@ -54,7 +54,7 @@ function waterfall(model, errors, kind) {
 function keepBest(model, rungs) {
   const best = rungs.findIndex((one) => one.best);
   if (best < 0 || rungs[best].id === model.id || rungs[best].part_of) return null;
-  return [" ", h("a", { class: "button", id: "keep-best", href: address({ identification: rungs[best].id, tab: "missing", joint: model.joint }) }, `Keep the best: model ${best + 1}`)];
+  return [" ", h("a", { class: "button", id: "keep-best", href: address({ identification: rungs[best].id, tab: "missing", joint: model.joint }) }, `Go back to model ${best + 1}`)];
 }
 
 /** Takes what a step added out of the model that is looked at; the other steps stay. */

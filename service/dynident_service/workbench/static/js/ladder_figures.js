@@ -46,8 +46,10 @@ const JOINT_COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#
 
 /** How far a simulation without a controller is off after each time, by joint; a line ends where it diverged. */
 export function driftFigure({ joint_names: joints, after, distance }) {
-  const [width, height] = [560, 260];
-  const room = { left: 56, right: 150, top: 14, bottom: 34 };
+  const [plot, height] = [410, 260];
+  // A name of the key needs about 7 px a letter.
+  const room = { left: 56, right: 40 + 7 * Math.max(...joints.map((joint) => joint.length)), top: 14, bottom: 34 };
+  const width = plot + room.right;
   const values = distance.flat().filter((value) => value > 0).map((value) => 1e3 * value);
   if (!values.length) return null;
   const [low, high] = [Math.log10(Math.min(...values)), Math.log10(Math.max(...values))];
@@ -60,12 +62,12 @@ export function driftFigure({ joint_names: joints, after, distance }) {
     const points = after.map((_, k) => [k, distance[k][j]]).filter(([, value]) => value > 0).map(([k, value]) => [x(k), y(1e3 * value)]);
     const stroke = JOINT_COLOURS[j % JOINT_COLOURS.length];
     const at = room.top + 8 + 18 * j;
-    return [
+    return svg("g", { "data-joint": joint },
       svg("polyline", { class: "line", style: { stroke }, points: points.map((point) => point.join(",")).join(" ") }),
       points.map(([cx, cy]) => svg("circle", { class: "mark-of", style: { fill: stroke }, cx, cy, r: 4 })),
       svg("line", { class: "line", style: { stroke }, x1: width - room.right + 10, x2: width - room.right + 28, y1: at, y2: at }),
       svg("text", { x: width - room.right + 34, y: at + 4 }, joint),
-    ];
+    );
   });
   const title = "Drift under the measured torque, without a controller: rms of the position (mrad or mm)";
   return h("figure", { class: "drawn", id: "drift-figure" },

@@ -10,6 +10,7 @@ import { failureSection } from "./where_model_fails.js";
 import { counted, moment, number, quantity } from "./format.js";
 import { awaited, ENDED, newestOf } from "./jobs.js";
 import { ladderSection } from "./ladder.js";
+import { limbTree } from "./limbs.js";
 import { takeNote } from "./page_address.js";
 import { methodInWords, methods } from "./methods.js";
 import { missingSection } from "./missing_effects.js";
@@ -31,7 +32,7 @@ export async function modelPage(target, wanted, signal) {
   const [model, ways] = await Promise.all([Model.of(identification, wanted, signal), methods()]);
   signal.throwIfAborted();
   document.title = `${nameOf(model)}: dynident`;
-  put(target, header(model, ways, signal), tabs("Parts of the model", parts(model, ways, signal), tabOf, signal));
+  put(target, header(model, ways, signal), limbTree(model.robot, (joints) => model.chooseLimb(joints), signal), tabs("Parts of the model", parts(model, ways, signal), tabOf, signal));
   if (takeNote()?.arrived) {
     dispatchEvent(new Event("models-changed"));
     const ladder = document.getElementById("ladder-title");

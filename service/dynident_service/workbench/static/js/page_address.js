@@ -1,10 +1,10 @@
 // The page's address: read it, change it, go to another view.
 
 const NAMES = [
-  "view", "identification", "tab", "joint", "measurement", "robot", "design", "campaign", "diagnosis", "pair", "resource", "sort", "filter", "archived", "from", "to",
+  "view", "identification", "tab", "joint", "limb", "measurement", "robot", "design", "campaign", "diagnosis", "pair", "resource", "sort", "filter", "archived", "from", "to",
 ];
 
-/** What the address asks for: { view, identification, tab, joint, measurement, robot, from, to }, "" where it says nothing. */
+/** What the address asks for: { view, identification, tab, joint, limb, measurement, robot, from, to }, "" where it says nothing. */
 export function asked() {
   const query = new URLSearchParams(location.search);
   return Object.fromEntries(NAMES.map((name) => [name, query.get(name) ?? ""]));

@@ -7,7 +7,7 @@ import { remember } from "./page_address.js";
 
 const MOST_AHEAD = 1e6; // samples of all joints, which a service compares in about half a second
 
-/** Fires "joint", "measurement", "diagnosis", "comparison" when that changes, and "zoom" with { from, to }. */
+/** Fires "joint", "limb", "measurement", "diagnosis", "comparison" when that changes, and "zoom" with { from, to }. */
 export class Model extends EventTarget {
   #asked = new Map(); // measurement's id -> promise of a comparison
   #tables = new Map(); // diagnosis's id, "" for none -> promise of the model's tables
@@ -19,6 +19,7 @@ export class Model extends EventTarget {
     Object.assign(this, parts); // robot, effects, rungs, ladder (its tables by name), lastStep, measurements
     this.diagnosis = null;
     this.comparison = null;
+    this.limb = this.joints; // those that are looked at
     this.joint = this.joints.includes(wanted.joint) ? wanted.joint : this.#worstJoint();
     const known = this.measurements.map((one) => one.id);
     this.measurement = known.includes(wanted.measurement) ? wanted.measurement : known[0];
@@ -69,6 +70,13 @@ export class Model extends EventTarget {
     this.joint = joint;
     remember({ joint });
     this.#tell("joint");
+  }
+
+  /** Look at the joints of a limb alone; one of them is the chosen one. */
+  chooseLimb(joints) {
+    this.limb = this.joints.filter((joint) => joints.includes(joint));
+    if (this.limb.length && !this.limb.includes(this.joint)) this.chooseJoint(this.#worstJoint(this.limb));
+    this.#tell("limb");
   }
 
   chooseMeasurement(measurement) {
@@ -127,10 +135,10 @@ export class Model extends EventTarget {
     return this.diagnosis?.result?.noise_floor[this.joints.indexOf(joint)] ?? null;
   }
 
-  #worstJoint() {
+  #worstJoint(joints = this.joints) {
     const { relative } = this.result.validation ?? this.result.residual;
-    const worst = relative.indexOf(Math.max(...relative.filter((value) => value !== null)));
-    return this.joints[Math.max(worst, 0)];
+    const errorOf = (joint) => relative[this.joints.indexOf(joint)] ?? -1;
+    return joints.reduce((worst, joint) => (errorOf(joint) > errorOf(worst) ? joint : worst));
   }
 
   #tell(kind) {

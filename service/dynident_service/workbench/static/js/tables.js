@@ -11,9 +11,10 @@ const SHORT = 10; // Units and the like are not broken into lines.
  */
 export function shownTable({ title, columns, rows, groups, notes = [], marked_rows = [] }, props = {}, { wrap = {}, more = [], rowProps = () => ({}), below = () => null, content = shownCell } = {}) {
   const cellOf = (cell, at, k) => ({ class: columns[at].figures ? "n" : cell.text.length < SHORT ? "short" : null, text: wrap[at] ? wrap[at](content(cell, at), k) : content(cell, at) });
+  const ofJoint = columns.findIndex((one) => one.word === "joint");
   const lines = rows.map((cells, k) => [
     groups.length && groups[k] !== groups[k - 1] ? h("tr", { class: "group" }, h("th", { scope: "rowgroup", colspan: columns.length + more.length }, groups[k])) : null,
-    row([...cells.map((cell, at) => cellOf(cell, at, k)), ...more.map(([, cell]) => cell(k))], { class: marked_rows.includes(k) ? "pick" : null, ...rowProps(k) }),
+    row([...cells.map((cell, at) => cellOf(cell, at, k)), ...more.map(([, cell]) => cell(k))], { class: marked_rows.includes(k) ? "pick" : null, "data-joint": cells[ofJoint]?.text, ...rowProps(k) }),
     below(k),
   ]);
   const heads = columns.map((one) => (one.figures ? right(one.word) : one.word));

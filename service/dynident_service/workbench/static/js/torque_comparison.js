@@ -47,6 +47,7 @@ export function torqueSection(model, signal) {
     showJoints();
     figures.shape();
   });
+  model.addEventListener("limb", () => figures.shape());
   model.addEventListener("zoom", ({ detail }) => {
     // The joint that comes with a zoom is drawn first.
     queueMicrotask(() => figures.zoom(model.joint, detail));

@@ -1,7 +1,7 @@
 // Section on where a model fails: residual over one or two signals, and the diagnosis's map.
 
 import { get, lastAsked } from "./api.js";
-import { field, h, put, section, select } from "./dom.js";
+import { field, h, jointButton, put, section, select } from "./dom.js";
 import { heatMap } from "./heat_map.js";
 import { existingComparison } from "./shown_model.js";
 import { orSay } from "./problem.js";
@@ -33,6 +33,7 @@ export function failureSection(model, signal) {
   model.addEventListener("joint", draw);
   const showSpots = () => put(spots, worstPlaces(model));
   model.addEventListener("diagnosis", showSpots);
+  model.addEventListener("limb", showSpots);
   showSpots();
   return section("fails", "Where it fails",
     h("p", { class: "note" }, "If the mean is flat at zero, nothing is missing; the shaded band is the spread around the mean."),
@@ -72,9 +73,7 @@ function worstPlaces(model) {
   const { diagnosis } = model;
   const table = diagnosis?.result && byName(diagnosis).worst_places;
   if (!table) return null;
-  const places = diagnosis.result.failure_map;
-  const shown = (from, to, id) => shownTable({ ...table, rows: table.rows.slice(from, to) }, { id }, {
-    wrap: { 0: (content, k) => h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(places[from + k].joint) }, content) },
-  });
-  return [shown(0, SPOTS, "failure-map"), table.rows.length > SPOTS ? h("details", {}, h("summary", {}, `${table.rows.length - SPOTS} more`), shown(SPOTS, undefined, "more-places")) : null];
+  const rows = table.rows.filter((_, k) => model.limb.includes(diagnosis.result.failure_map[k].joint));
+  const shown = (some, id) => shownTable({ ...table, rows: some }, { id }, { wrap: { 0: (_, k) => jointButton(model, some[k][0].text, { class: "plain" }) } });
+  return [shown(rows.slice(0, SPOTS), "failure-map"), rows.length > SPOTS ? h("details", {}, h("summary", {}, `${rows.length - SPOTS} more`), shown(rows.slice(SPOTS), "more-places")) : null];
 }

@@ -23,7 +23,7 @@ export class CompareStack {
     this.rawSaid = h("small", { class: "note" });
     this.wantsRaw = h("input", { type: "checkbox", id: "raw-torque", onchange: () => this.#readRaw() });
     this.moment = new Moment(model, signal);
-    const step = (by) => () => model.chooseJoint(model.joints[(model.joints.indexOf(model.joint) + by + model.joints.length) % model.joints.length]);
+    const step = (by) => () => model.chooseJoint(model.limb.at((model.limb.indexOf(model.joint) + by) % model.limb.length));
     const keys = { ArrowUp: step(-1), ArrowDown: step(1), Enter: () => this.#click(model.joint, (this.view.range.from + this.view.range.to) / 2, 0.5) };
     const onChoose = (joint) => model.chooseJoint(joint);
     const onClick = (joint, time) => this.#click(joint, time);
@@ -61,11 +61,11 @@ export class CompareStack {
 
   /** Follow the chosen joint. */
   shape() {
-    const { joint, joints } = this.model;
+    const { joint, joints, limb } = this.model;
     const kinds = { torque: ["torque"], residual: ["residual"], both: ["torque", "residual"], "": [] }[this.others];
-    joints.forEach((one, index) => {
+    joints.forEach((one) => {
       const chosen = one === joint;
-      this.rows[one].shape({ chosen, shows: chosen ? ["torque", "residual"] : kinds, last: index === joints.length - 1 });
+      this.rows[one].shape({ chosen, shows: chosen ? ["torque", "residual"] : kinds, last: one === limb.at(-1) });
     });
     this.#tell();
   }

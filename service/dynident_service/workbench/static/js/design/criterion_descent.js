@@ -8,7 +8,7 @@ import { axis, colour, onColours, plot } from "../plots.js";
 const TOLD = /best within the limits ([\d.e+-]+), best random ([\d.e+-]+)/;
 const HEIGHT = 200;
 
-/** Follows a job's events from the first; its element stays hidden until something is told. */
+/** Follows a job's events from the first; its element stays hidden until there is a course to draw: one point is in the table. */
 export function descent(jobId, signal) {
   const [shares, best, random] = [[], [], []];
   const chart = h("div", { class: "chart" });
@@ -18,7 +18,7 @@ export function descent(jobId, signal) {
   let ended = false;
 
   function show() {
-    element.hidden = !shares.length;
+    element.hidden = shares.length < 2;
     if (element.hidden || !element.isConnected) return;
     const data = [shares, best, random];
     words.textContent = `${number(best.at(-1))} ${ended ? "in the end" : "so far"}, within all limits; the best random motion has ${number(random.at(-1))}. Smaller is better.`;

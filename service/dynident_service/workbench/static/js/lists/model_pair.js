@@ -65,7 +65,7 @@ function errors(models, names) {
 }
 
 function change(one, other) {
-  return one && other !== null ? `× ${number(other / one)}` : "–";
+  return one && other !== null ? `${number(other / one, 2)} ×` : "–";
 }
 
 function parameters(models, names) {

@@ -39,7 +39,9 @@ export function fileCard({ file = null, further = [], found = null, role }, { me
     } };
   };
 
-  const look = async () => {
+  let looking = null; // what is inspected and not yet known
+  const look = () => (looking = inspect());
+  const inspect = async () => {
     submit.disabled = true;
     const { signal, move } = work("Uploading");
     const robot = chosen();
@@ -182,7 +184,10 @@ export function fileCard({ file = null, further = [], found = null, role }, { me
   form.files = file ? [file, ...further] : [];
   form.leave = leave;
   // For a button that confirms several: whether all that is asked for is answered, and then whether it was stored.
-  form.confirm = async () => !submit.disabled && form.reportValidity() && send();
+  form.confirm = async () => {
+    await looking; // pressed while the file is still being inspected, it is stored as soon as it is
+    return !submit.disabled && form.reportValidity() && send();
+  };
   // Another robot: its joints and gains are what the file is to be looked at for.
   form.addEventListener("robot", () => (file ? look() : show(chosen())));
   if (found) show(chosen());

@@ -2,7 +2,7 @@
 
 import { follow, ProblemError } from "../api.js";
 import { h, listed, put, right, section } from "../dom.js";
-import { counted, number, percent, quantity } from "../format.js";
+import { counted, estimated, percent, quantity } from "../format.js";
 import { colour, figure, onColours } from "../plots.js";
 import { problemBox } from "../problem.js";
 
@@ -21,7 +21,7 @@ export function liveSection(measurement, signal, onFinished) {
     if (errors.length) course.push({ seconds: estimate.seconds, fit: Math.max(...errors), predicted: worst(estimate.predicted) });
     const length = estimate.seconds ? `, ${quantity(estimate.seconds, "s", 3)}` : "";
     put(state, `${counted(estimate.rows, "row")}${length}. ${estimate.reason}`);
-    put(stop, estimate.stop.length ? h("div", { class: "box bad" }, h("p", {}, "Stop the robot: this run is not worth going on with."), h("ul", {}, estimate.stop.map((one) => h("li", {}, one.detail)))) : null);
+    put(stop, estimate.stop.length ? h("div", { class: "box error" }, h("p", {}, "Stop the robot: this run is not worth going on with."), h("ul", {}, estimate.stop.map((one) => h("li", {}, one.detail)))) : null);
     put(parameters, estimate.parameters.length ? parameterTable(estimate.parameters) : null);
     draw();
   };
@@ -53,7 +53,7 @@ function parameterTable(parameters) {
   const columns = [
     ["parameter", (one) => one.name],
     ["joint", (one) => one.link],
-    [right("value"), (one) => ({ class: "n", text: `${number(one.value)} ± ${one.standard_deviation === null ? "?" : number(one.standard_deviation, 2)}` })],
+    [right("value"), (one) => ({ class: "n", text: estimated(one.value, one.standard_deviation) })],
     ["unit", (one) => one.unit],
     ["judgement", (one) => one.judgement.replaceAll("_", " ")],
   ];
