@@ -22,8 +22,8 @@ from common import FloatArray, show
 from scipy import signal
 
 from dynident.diagnosis.candidates.candidate_pool import Candidate
-from dynident.diagnosis.candidates.held_out_scores import compute_contributions, score_candidates
-from dynident.diagnosis.candidates.significance import ALPHA, combine_scores, compute_familywise_p
+from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, score_candidates, score_folds
+from dynident.diagnosis.candidates.significance import ALPHA, combine_scores, draw_scores, run_familywise_test
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 
 JOINTS, MODEL = 3, 10
@@ -64,9 +64,9 @@ def drawn(rng: np.random.Generator, n_blocks: int, long: int) -> tuple[float, bo
     base, noise, joints = np.arange(MODEL), np.ones(JOINTS), tuple(range(JOINTS))
     scores = [score_candidates(data, base, candidates, noise, kind)[1] for kind in ("interleaved", "contiguous")]
     judged = combine_scores(scores, [joints] * len(candidates), noise)
-    p = compute_familywise_p(
-        np.array([item.gains for item in judged]), compute_contributions(data, base, candidates, noise)
-    )
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, base, candidates), noise, ())
+    _, contributions = score_folds(data, fits, candidates, noise, by_parameters=True)
+    p = run_familywise_test(np.array([item.gains for item in judged]), draw_scores(contributions))[0]
     named = any(item.t > 0 and item.drop > 0 and value <= ALPHA for item, value in zip(judged, p, strict=True))
     return float(p.min()), named
 

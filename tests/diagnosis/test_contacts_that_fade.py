@@ -11,7 +11,7 @@ import pytest
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.significance import FamilywiseLevels
 from dynident.diagnosis.search import candidate_outcomes, contacts_and_loads
-from dynident.diagnosis.search.search_state import Finding, ScoredFamily, State
+from dynident.diagnosis.search.search_state import Finding, ScoredFamily, SearchRecord, State
 from dynident.recordings import Preprocessing
 
 CONTACT = Candidate("external_contact", (), (("t0", 1.0), ("t1", 2.0)), (3, 4, 5))
@@ -87,5 +87,6 @@ def test_where_a_contact_was_dropped_after_the_search_no_finding_is_left(monkeyp
     start = stated((*MODEL, *CONTACT.columns), (found(CONTACT),))
     monkeypatch.setattr(candidate_outcomes, "list_columns_with_findings", lambda pool, base, choices: base)
     monkeypatch.setattr(candidate_outcomes, "score_family", lambda *_: ScoredFamily((), levels))
-    final = candidate_outcomes.score_beside_findings(start, start, (), (), ScoredFamily((), levels))
+    record = SearchRecord(start, cast(Any, None))
+    final = candidate_outcomes.score_beside_findings(start, record, (), (), ScoredFamily((), levels))
     assert final.state.findings == ()

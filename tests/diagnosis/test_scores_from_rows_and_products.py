@@ -14,7 +14,6 @@ from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import (
     FoldedFits,
     JointBlocks,
-    compute_contributions,
     compute_held_out_errors,
     score_candidates,
     score_folds,
@@ -68,9 +67,14 @@ def test_scores_from_rows_are_those_from_products(kind):
         np.testing.assert_allclose(mine.measured, other.measured)
 
 
+def contribute(data: Products) -> list[np.ndarray]:
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, BASE, CANDIDATES), NOISE, ())
+    return score_folds(data, fits, CANDIDATES, NOISE, by_parameters=True)[1]
+
+
 def test_what_stretches_add_to_the_scores_is_the_same_from_rows_and_from_products():
     few, many = gathered(1000), gathered(1)
-    pairs = zip(*(compute_contributions(data, BASE, CANDIDATES, NOISE) for data in (few, many)), strict=True)
+    pairs = zip(*(contribute(data) for data in (few, many)), strict=True)
     for mine, other in pairs:
         np.testing.assert_allclose(np.abs(mine), np.abs(other), atol=1e-8)
 
@@ -91,7 +95,7 @@ def test_several_kinds_of_folds_at_once_give_what_each_gives_by_itself(expected,
         np.testing.assert_allclose(before, alone, rtol=1e-9)
         for mine, other in zip(each, theirs, strict=True):
             np.testing.assert_allclose(mine.after, other.after, rtol=1e-9)
-    for mine, other in zip(contributions, compute_contributions(data, BASE, CANDIDATES, NOISE), strict=True):
+    for mine, other in zip(contributions, contribute(data), strict=True):
         np.testing.assert_allclose(np.abs(mine), np.abs(other), atol=1e-9)
 
 

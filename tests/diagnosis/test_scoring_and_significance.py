@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -14,21 +15,24 @@ from hypothesis import strategies as st
 from scipy import stats
 from support.scored_candidates import judged
 
+from dynident import parallel
 from dynident.diagnosis.candidates.candidate_pool import Candidate
 from dynident.diagnosis.candidates.held_out_scores import (
+    FoldedFits,
     JointBlocks,
     Score,
-    compute_contributions,
     compute_deviations,
     compute_held_out_errors,
     score_candidates,
+    score_folds,
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import products_from_reduction
 from dynident.diagnosis.candidates.significance import (
     ScoredCandidate,
     are_indistinguishable,
     combine_scores,
-    compute_familywise_p,
+    draw_scores,
+    run_familywise_test,
     select_simplest,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import (
@@ -37,9 +41,11 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import (
     split_folds,
 )
 from dynident.diagnosis.decision_levels import RULES
+from dynident.diagnosis.search import search_state
 from dynident.diagnosis.search.acceptance_rules import check_significance, compute_stability
 from dynident.diagnosis.search.next_finding import find_richer_changes
-from dynident.diagnosis.search.search_state import State
+from dynident.diagnosis.search.physical_plausibility import _fit_columns
+from dynident.diagnosis.search.search_state import State, score_family
 from dynident.estimation import FactorAccumulator
 from dynident.estimation.residual_errors import compute_t
 
@@ -113,11 +119,7 @@ def test_a_candidates_deviation_is_how_much_its_estimate_scatters_from_data_to_d
         made = form(data)
         _, scores = score_candidates(made, BASE, CANDIDATES, NOISE, "interleaved")
         estimates.append(np.concatenate([score.amplitudes for score in scores]))
-        told.append(
-            np.concatenate(
-                compute_deviations(JointBlocks.from_products(made, BASE, CANDIDATES), len(CANDIDATES), NOISE)
-            )
-        )
+        told.append(np.concatenate(compute_deviations(made, BASE, CANDIDATES, NOISE)))
     scatter = np.std(estimates, axis=0)
     # Of 13 stretches: sandwiches of few clusters are somewhat too narrow (MacKinnon and White 1985).
     np.testing.assert_allclose(np.mean(told, axis=0) / scatter, 1.0, atol=0.3)
@@ -271,6 +273,10 @@ def test_what_says_a_little_more_of_a_change_with_more_parameters_is_told_beside
     assert find_richer_changes(state, always, [always, change("base_tilt", (0, 1), gains + more, runs=())], ()) == ()
 
 
+def compute_familywise_p(gains: np.ndarray, scores: Sequence[np.ndarray]) -> np.ndarray:
+    return run_familywise_test(gains, draw_scores(scores))[0]
+
+
 def silent(gains: np.ndarray) -> list[np.ndarray]:
     """Scores that say nothing, one for each of the gains (c, s)."""
     return [np.zeros((gains.shape[1], 1)) for _ in gains]
@@ -292,7 +298,9 @@ def test_the_best_of_many_candidates_that_explain_nothing_is_named_as_seldom_as_
 
 def test_scores_are_what_numpy_makes_of_the_residual_and_of_what_is_left_of_the_columns():
     data = Rows(4)
-    found = compute_contributions(data.products(), BASE, CANDIDATES, NOISE)
+    made = data.products()
+    fits = FoldedFits.from_blocks(made, JointBlocks.from_products(made, BASE, CANDIDATES), NOISE, ())
+    found = score_folds(made, fits, CANDIDATES, NOISE, by_parameters=True)[1]
     w = np.concatenate([w / s for w, s in zip(data.wide, NOISE, strict=True)])
     y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
     rest = y - w[:, BASE] @ np.linalg.lstsq(w[:, BASE], y, rcond=None)[0]
@@ -475,3 +483,64 @@ def test_a_richer_explanation_is_taken_where_it_gains_enough_more():
 def test_a_single_explanation_has_no_equals():
     only = judged(np.ones(10))
     assert select_simplest([only]) == (only, ())
+
+
+def test_what_was_scored_beside_the_same_model_is_not_scored_again(monkeypatch):
+    rows, scored = Rows(6).kept(), list[int]()
+    data = SimpleNamespace(
+        find_row_kinds=lambda columns: (False, False), select_for_candidates=lambda *_: rows, identity=object()
+    )
+    acts = {
+        candidate.columns: tuple(j for j in range(2) if set(candidate.columns) & set(CONTAINS[j]))
+        for candidate in CANDIDATES
+    }
+    pool = SimpleNamespace(find_joints=acts.get, is_change=lambda candidate: True)
+    state = State(cast(Any, data), cast(Any, pool), tuple(BASE.tolist()), NOISE, NOISE)
+    score = search_state._score_same_rows
+
+    def count(common, *arguments, **named):
+        scored.append(len(common.candidates))
+        return score(common, *arguments, **named)
+
+    monkeypatch.setattr(search_state, "_score_same_rows", count)
+    family = score_family(state, CANDIDATES)
+    again = score_family(state, CANDIDATES, family)
+    assert scored == [len(CANDIDATES)]
+    assert again.is_fresh
+    assert all(item.after is known.after for item, known in zip(again.scored, family.scored, strict=True))
+    # Beside a model that differs on a joint, what acts there is scored, and the rest once it is asked for.
+    other = replace(state, noise=2.0 * NOISE)
+    partly = score_family(other, CANDIDATES, family, (0,))
+    here = sum(0 in item.joints for item in family.scored)
+    assert 0 < here < len(CANDIDATES)
+    assert not partly.is_fresh
+    whole = score_family(other, CANDIDATES, partly)
+    assert whole.is_fresh
+    assert scored[1:] == [here, len(CANDIDATES) - here]
+    assert [item.p for item in whole.scored] == [item.p for item in score_family(other, CANDIDATES).scored]
+
+
+def test_joints_that_are_scored_on_several_threads_have_the_same_scores(monkeypatch):
+    data = Rows(5).kept()
+    before, alone = score_candidates(data, BASE, CANDIDATES, NOISE, "contiguous")
+    monkeypatch.setattr(parallel, "MIN_PARALLEL_SIZE", 1)
+    monkeypatch.setattr(parallel, "count_processors", lambda: 2)
+    again, together = score_candidates(data, BASE, CANDIDATES, NOISE, "contiguous")
+    assert np.array_equal(before, again)
+    assert all(np.array_equal(one.after, two.after) for one, two in zip(alone, together, strict=True))
+
+
+def test_parameters_that_a_model_and_a_candidate_share_are_the_smallest_that_fit():
+    """The same as with the pseudo-inverse of all equations at once, with unit columns."""
+    data = Rows(7)
+    for w in data.wide:
+        # What column 8 says where there is one, columns of the model and column 9 say together.
+        w[:, 8] = w[:, 9] - 2.0 * w[:, 1]
+    products = data.kept()
+    w = np.concatenate([w / s for w, s in zip(data.wide, NOISE, strict=True)])[:, [*BASE, 8, 9]]
+    y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
+    scale = np.linalg.norm(w, axis=0)
+    inverse = np.linalg.pinv((w / scale).T @ (w / scale), rcond=1e-10, hermitian=True)
+    values, deviations = _fit_columns(products, tuple(BASE.tolist()), (8, 9), NOISE)
+    assert values == pytest.approx(inverse @ (w / scale).T @ y / scale)
+    assert deviations == pytest.approx(np.sqrt(RULES.rows_of_filter * np.diag(inverse)) / scale)

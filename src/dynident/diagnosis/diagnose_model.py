@@ -367,7 +367,7 @@ def _search_effects(
     for contact in contacts:
         start = start.add_finding(contact)
     start = start.estimate_noise() if contacts else start
-    family = score_family(start, pool.initial_candidates, None if earlier is None else earlier.family)
+    family = score_family(start, pool.initial_candidates, None if earlier is None else earlier.family, ())
     record = search_findings(start, family, rows, scale_progress(progress, 0.5, 1.0), earlier)
     settle_findings(record)
     return _Search(start, family, record)
@@ -476,7 +476,7 @@ def _rank_candidates(
 ) -> _Ranking:
     """Score every candidate once more beside all findings, and say what became of it."""
     first, record = search.family.scored, search.record
-    final = score_beside_findings(search.start, record.state, findings, choices, search.family)
+    final = score_beside_findings(search.start, record, findings, choices, search.family)
     outcomes, beside = list_outcomes(final, record, choices, first)
     limits = compute_detection_limits(final, choices, only_common=only_common_limits) if with_limits else ()
     outcomes = add_limits(outcomes, limits)

@@ -10,7 +10,7 @@ inner products that are computed once. Candidates with equally many columns are 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from dynident.diagnosis.candidates.products_of_scored_pairs import (
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import BlockSets, Products, RowStack
 from dynident.estimation import PriorInformation
+from dynident.parallel import map_in_threads
+from dynident.progress import Progress
 
 # Difference from one below which a direction lies in the span of others.
 _SPANNED = 1e-6
@@ -102,12 +104,6 @@ class JointBlocks:
                 whole += own / sigma**2
         return ProductSums(ww, xw, wy, xy, within)
 
-    def read_errors(self, fits: FoldFits, numbers: Sequence[IndexArray]) -> Iterator[tuple[int, list[JointErrors]]]:
-        """Yield joint, and errors for the fits that each block (s,) has by some numbers; those of a joint add up."""
-        for joint, block in enumerate(self.joints):
-            for piece in block.read_pieces():
-                yield joint, [piece.compute_errors(fits, own) for own in numbers]
-
 
 def _build_block(
     data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
@@ -174,9 +170,10 @@ class FoldedFits:
             left_out += sets.list_folds(kind)
         return cls(blocks, blocks.fit_sets(noise, sets, left_out), tuple(numbers))
 
-    def read_errors(self) -> Iterator[tuple[int, list[JointErrors]]]:
-        """Yield joint, and its errors in the fit to all blocks and by kind of folds; those of a joint add up."""
-        return self.blocks.read_errors(self.fits, self.numbers)
+    def read_errors(self, joint: int) -> Iterator[list[JointErrors]]:
+        """Yield errors of a joint in the fit to all blocks and by kind of folds; they add up."""
+        for piece in self.blocks.joints[joint].read_pieces():
+            yield [piece.compute_errors(self.fits, own) for own in self.numbers]
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
@@ -202,25 +199,35 @@ def score_candidates(
 def score_folds(
     data: Products, fits: FoldedFits, candidates: Sequence[Candidate], noise: FloatArray, *, by_parameters: bool
 ) -> tuple[list[tuple[FloatArray, list[Score]]], list[FloatArray]]:
-    """Score every candidate in some kinds of folds and, where asked for, by the scores of its parameters.
+    """Score every candidate in some kinds of folds and, where asked for, by the scores of its parameters (Rao's test).
 
     Returns
     -------
     tuple of list, list of (s, k)
-        What `score_candidates` returns, by kind; and what `compute_contributions` returns, or nothing.
+        What `score_candidates` returns, by kind; and what each block adds to the scores of the k parameters of every
+        candidate, or nothing. That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what
+        the model leaves, Z what is left of the columns beside it. Their sum over the blocks is zero but for noise where
+        the candidate explains nothing, and its square is what the candidate removes where it does.
     """
     s, n, portions, kinds = data.n_blocks, data.n_joints, fits.blocks.portions, len(fits.numbers) - 1
     before, after = np.zeros((kinds, s, n)), np.zeros((kinds, len(candidates), s, n))
-    sums = np.zeros((s, fits.blocks.n_extra))
     # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in portions for k in portion.members], dtype=np.intp)
-    for j, (fitted, *held_out) in fits.read_errors():
-        if by_parameters and len(members):
-            sums += fitted.compute_scores() / noise[j] ** 2
-        for k, errors in enumerate(held_out):
-            before[k, :, j] += errors.alone
-            if len(members):
-                after[k, members, :, j] += errors.compute_errors_with()
+
+    def score_joint(j: int, _: Progress) -> FloatArray:
+        """Fill in the errors of a joint; return what it adds to the scores of the columns (s, c)."""
+        sums = np.zeros((s, fits.blocks.n_extra))
+        for fitted, *held_out in fits.read_errors(j):
+            if by_parameters and len(members):
+                sums += fitted.compute_scores() / noise[j] ** 2
+            for k, errors in enumerate(held_out):
+                before[k, :, j] += errors.alone
+                if len(members):
+                    after[k, members, :, j] += errors.compute_errors_with()
+        return sums
+
+    sizes = len(candidates) * data.counts.sum(axis=0)
+    sums = sum(map_in_threads(score_joint, range(n), sizes.tolist()), np.zeros((s, fits.blocks.n_extra)))
     # What is reported of a candidate comes from all data; only its errors are held out.
     separability, amplitudes = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(portions):
@@ -235,34 +242,13 @@ def score_folds(
         ]
         for alone, each in zip(before, after, strict=True)
     ]
-    contributions = _distribute_scores(fits.fits, sums, len(candidates)) if by_parameters else []
+    contributions = _distribute_scores(fits.fits, sums) if by_parameters else []
     return list(zip(before, scores, strict=True)), contributions
 
 
-def compute_contributions(
-    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
-) -> list[FloatArray]:
-    """Return (s, k) for every candidate: what each block adds to the scores of its k parameters (Rao's test).
-
-    That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
-    left of the columns beside it. Their sum over the blocks is zero but for noise where the candidate explains
-    nothing, and its square is what the candidate removes where it does.
-    """
-    blocks = JointBlocks.from_products(data, base, candidates)
-    return _compute_contributions(blocks, blocks.fit_sets(noise), len(candidates), noise)
-
-
-def _compute_contributions(blocks: JointBlocks, fit: FoldFits, count: int, noise: FloatArray) -> list[FloatArray]:
-    """Return the same as `compute_contributions` for `count` candidates, from blocks and the fit to them."""
-    sums = np.zeros((blocks.n_blocks, blocks.n_extra))
-    for joint, (errors,) in blocks.read_errors(fit, [np.zeros(blocks.n_blocks, dtype=np.intp)]):
-        sums += errors.compute_scores() / noise[joint] ** 2
-    return _distribute_scores(fit, sums, count)
-
-
-def _distribute_scores(fit: FoldFits, sums: FloatArray, count: int) -> list[FloatArray]:
+def _distribute_scores(fit: FoldFits, sums: FloatArray) -> list[FloatArray]:
     """Return the scores (s, k) of each candidate in unit directions, from those of all columns (s, c)."""
-    scores = [np.zeros((0, 0))] * count
+    scores = [np.zeros((0, 0))] * sum(len(portion.members) for portion in fit.portions)
     for number, portion in enumerate(fit.portions):
         for member, columns, unit in zip(
             portion.members, portion.columns, fit.compute_unit_directions(number), strict=True
@@ -271,19 +257,21 @@ def _distribute_scores(fit: FoldFits, sums: FloatArray, count: int) -> list[Floa
     return scores
 
 
-def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> list[FloatArray]:
+def compute_deviations(
+    data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
+) -> list[FloatArray]:
     """Return (k,) for every candidate: the standard deviations of its k parameters, fitted beside the model.
 
     From what every block adds to the scores: samples of one block need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
-    fit = blocks.fit_sets(noise)
-    scores = _compute_contributions(blocks, fit, count, noise)
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, base, candidates), noise, ())
+    _, scores = score_folds(data, fits, candidates, noise, by_parameters=True)
     # The correction for few clusters, m / (m - 1).
-    more = blocks.n_blocks / max(blocks.n_blocks - 1, 1)
-    deviations_of = [np.zeros(0)] * count
-    for number, portion in enumerate(blocks.portions):
-        for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
+    more = data.n_blocks / max(data.n_blocks - 1, 1)
+    deviations_of = [np.zeros(0)] * len(scores)
+    for number, portion in enumerate(fits.blocks.portions):
+        for member, unit in zip(portion.members, fits.fits.compute_unit_directions(number), strict=True):
             # What each block moves the parameters by; the sum of squares over the blocks is their variance.
             spread = scores[member] @ unit.T
             deviations_of[member] = np.where(_are_spanned(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
@@ -295,20 +283,10 @@ def _are_spanned(unit: FloatArray) -> BoolArray:
     return np.asarray(np.abs(1.0 - np.einsum("ij,ji->i", unit, np.linalg.pinv(unit))) < _SPANNED)
 
 
-def compute_fitted_errors(
-    data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray
-) -> tuple[FloatArray, FloatArray, float, FloatArray]:
-    """Return the squared errors of the model and of the model with a candidate, both fitted to all blocks.
-
-    Returns
-    -------
-    tuple of (s, n), (s, n), float, (k,)
-        Errors before and after, separability and amplitudes of the candidate.
-    """
-    blocks = JointBlocks.from_products(data, base, [candidate])
-    fit = blocks.fit_sets(noise)
-    before, after = np.zeros((data.n_blocks, data.n_joints)), np.zeros((data.n_blocks, data.n_joints))
-    for j, (errors,) in blocks.read_errors(fit, [np.zeros(data.n_blocks, dtype=np.intp)]):
-        before[:, j] += errors.alone
-        after[:, j] += errors.compute_errors_with()[0]
-    return before, after, float(fit.compute_separability(0)[0]), fit.amplitudes[0][0, 0]
+def score_fitted(data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray) -> Score:
+    """Return the score of a candidate with the errors of the model, and of the model with it, fitted to all blocks."""
+    fits = FoldedFits.from_blocks(data, JointBlocks.from_products(data, base, [candidate]), noise, ())
+    ((_, (score,)),), _ = score_folds(
+        data, replace(fits, numbers=2 * fits.numbers), [candidate], noise, by_parameters=False
+    )
+    return score

@@ -339,6 +339,11 @@ class PhasedProducts:
         return bool(turns.any()), bool(starts.any())
 
     @cached_property
+    def identity(self) -> object:
+        """What is equal to that of these products alone, also once they are gone."""
+        return object()
+
+    @cached_property
     def _combinations(self) -> dict[bytes, Products]:
         """Rows that were combined before: a search asks for the same few over and over."""
         return {}

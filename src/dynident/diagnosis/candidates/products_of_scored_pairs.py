@@ -181,11 +181,17 @@ class _ErrorsOfOneFit:
         """Return ZᵀZ (g, s, k, k) of each candidate, portion by portion."""
         block, products = self._block, []
         for portion, pairs in zip(block.portions, block.pairs, strict=True):
-            shift = self._projection[portion.columns].transpose(0, 2, 1)
-            # (XᵀW) P, column by column of the candidate.
-            mixed = np.einsum("sbgk,gbl->sgkl", block.wx[:, :, block.place[portion.columns]], shift)
-            inner = np.einsum("gbk,sbc,gcl->sgkl", shift, block.ww, shift, optimize=True)
-            products.append((pairs - mixed - mixed.transpose(0, 1, 3, 2) + inner).transpose(1, 0, 2, 3))
+            own = pairs.transpose(1, 0, 2, 3).copy()
+            # Column by column, as in the errors: sums over the model's columns of all candidates are one product each.
+            shifts = [self._projection[portion.columns[:, k]].T for k in range(portion.width)]
+            for k, shift in enumerate(shifts):
+                mixed = block.wx[:, :, block.place[portion.columns[:, k]]]
+                # Wᵀ Z of this column.
+                rest = mixed - block.ww @ shift
+                for other, its_shift in enumerate(shifts):
+                    own[:, :, k, other] -= np.einsum("sbg,bg->gs", mixed, its_shift)
+                    own[:, :, other, k] -= np.einsum("sbg,bg->gs", rest, its_shift)
+            products.append(own)
         return tuple(products)
 
 

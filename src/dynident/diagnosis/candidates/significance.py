@@ -51,11 +51,6 @@ class FamilywiseLevels:
     scores: float
 
 
-def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray:
-    """Return the p-values (c,) of `run_familywise_test` for the scores (s, k) of each candidate."""
-    return run_familywise_test(gains, draw_scores(scores))[0]
-
-
 def run_familywise_test(
     gains: FloatArray, draws: Sequence[FloatArray], level: float | None = None
 ) -> tuple[FloatArray, FamilywiseLevels]:
@@ -127,7 +122,7 @@ def draw_scores(scores: Sequence[FloatArray]) -> list[FloatArray]:
     Parameters
     ----------
     scores : sequence of (s, k)
-        What each block adds to the scores of the k parameters of a candidate (`compute_contributions`).
+        What each block adds to the scores of the k parameters of a candidate (`score_folds`).
     """
     sizes = [np.zeros(0)] * len(scores)
     # Candidates of equally many parameters are handled together, some at a time.

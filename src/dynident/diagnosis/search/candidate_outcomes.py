@@ -48,14 +48,20 @@ class FinalScores:
 
 
 def score_beside_findings(
-    start: State, last: State, findings: Sequence[Finding], choices: Sequence[EffectChoice], first: ScoredFamily
+    start: State,
+    record: SearchRecord,
+    findings: Sequence[Finding],
+    choices: Sequence[EffectChoice],
+    first: ScoredFamily,
 ) -> FinalScores:
     """Score all candidates of the first round once more, beside the model with everything that was found.
 
     Parameters
     ----------
-    start, last : State
-        The states that the search started from and ended in.
+    start : State
+        The state that the search started from.
+    record : SearchRecord
+        How it ended.
     findings : sequence of Finding
         What was found in the end.
     choices : sequence of EffectChoice
@@ -63,6 +69,7 @@ def score_beside_findings(
     first : ScoredFamily
         All candidates, scored beside the model alone.
     """
+    last = record.state
     # Where nothing was found, these are the scores; beside a contact that was dropped since they are not.
     if not findings and not start.findings and last.data is start.data:
         return FinalScores(start, first.scored, first.levels)
@@ -70,7 +77,7 @@ def score_beside_findings(
     state = replace(start, data=last.data, base=base, findings=tuple(findings))
     state = state.estimate_noise() if findings else state
     candidates = [scored.candidate for scored in first.scored if not set(scored.candidate.columns) <= set(base)]
-    family = score_family(state, candidates)
+    family = score_family(state, candidates, record.family)
     return FinalScores(state, family.scored, family.levels)
 
 

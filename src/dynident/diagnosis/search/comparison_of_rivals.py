@@ -44,6 +44,9 @@ WIDTHS = (1.0, 1.0, 0.5, 0.25)
 """How far constants are searched for around the best so far, over half the distance between values of the grid."""
 
 
+_Known = dict[tuple[bool, bool], dict[Candidate, ScoredCandidate]]
+"""Scores beside one model, by the kinds of rows that count."""
+
 Choice = tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]
 """A finding by its name, and its equals."""
 
@@ -74,9 +77,10 @@ def compare_names(rows: ProductSource, state: State, choice: Choice, judged: Seq
         return choice
     parents = {finer: scored for scored in [*contenders, choice[0]] for finer in list_between(scored.candidate.choice)}
     finer = refine_grid(rows, state, list(parents))
+    known: _Known = {}
     for rivals in _group_by_rows(finer, finer.pool.candidates):
         own = [candidate for candidate in finer.pool.candidates if candidate.effect == choice[0].candidate.effect]
-        choice = _compare_on_common_rows(finer, choice, _score_on_common_rows(finer, [*own, *rivals]), parents)
+        choice = _compare_on_common_rows(finer, choice, _score_on_common_rows(finer, [*own, *rivals], known), parents)
     return choice
 
 
@@ -88,11 +92,14 @@ def _group_by_rows(state: State, candidates: Sequence[Candidate]) -> list[list[C
     return list(kinds.values())
 
 
-def _score_on_common_rows(state: State, candidates: Sequence[Candidate]) -> list[ScoredCandidate]:
-    """Score candidates, each once, on the rows that count for all of them."""
+def _score_on_common_rows(state: State, candidates: Sequence[Candidate], known: _Known) -> list[ScoredCandidate]:
+    """Score candidates, each once, on the rows that count for all of them, less those that are known on these."""
     each = [state.data.find_row_kinds(candidate.columns) for candidate in candidates]
     common = all(turns for turns, _ in each), all(starts for _, starts in each)
-    return score_all(state, list(dict.fromkeys(candidates)), kinds=common)
+    scored = known.setdefault(common, {})
+    new = [candidate for candidate in dict.fromkeys(candidates) if candidate not in scored]
+    scored.update(zip(new, score_all(state, new, kinds=common), strict=True))
+    return [scored[candidate] for candidate in dict.fromkeys(candidates)]
 
 
 def _compare_on_common_rows(
@@ -282,9 +289,10 @@ def _score_by_rows(state: State, finding: Finding, candidates: Sequence[Candidat
     name = finding.judged.candidate.effect
     own = [candidate for candidate in candidates if candidate.effect == name]
     groups: list[Scores] = []
+    known: _Known = {}
     for members in _group_by_rows(state, candidates):
         scores: dict[str, list[ScoredCandidate]] = {}
-        for scored in _score_on_common_rows(state, [*own, *members]):
+        for scored in _score_on_common_rows(state, [*own, *members], known):
             if scored.candidate.effect == name or _is_acceptable(state, replace(scored, p=finding.p)):
                 scores.setdefault(scored.candidate.effect, []).append(replace(scored, p=finding.p))
         groups.append(scores)

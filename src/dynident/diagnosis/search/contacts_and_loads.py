@@ -20,7 +20,7 @@ from scipy import special
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, build_pool_of_choices
 from dynident.diagnosis.candidates.fold_fit import ProductSums
-from dynident.diagnosis.candidates.held_out_scores import JointBlocks, compute_fitted_errors
+from dynident.diagnosis.candidates.held_out_scores import JointBlocks, score_fitted
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import compute_median_error
@@ -104,7 +104,8 @@ def _test_contact(
     data: Products, state: State, candidate: Candidate, independent: float
 ) -> tuple[ScoredCandidate, float]:
     noise = state.noise
-    before, after, separability, amplitudes = compute_fitted_errors(data, state.columns, candidate, noise)
+    score = score_fitted(data, state.columns, candidate, noise)
+    before, after = score.before, score.after
     gains = ((before - after) / noise**2).sum(axis=1)
     whole = (before / noise**2).sum(axis=1)
     # Only the intervals that the contact is in gain; the others would dilute what it explains.
@@ -126,8 +127,8 @@ def _test_contact(
         drop=drop,
         t=float(np.sqrt(max(f, 0.0))),
         gains=gains,
-        separability=separability,
-        amplitudes=amplitudes,
+        separability=score.separability,
+        amplitudes=score.amplitudes,
         share_improved=float(np.mean(gains > 0)),
         measured=data.torque_squared(),
         after_weighted=(after / noise**2).sum(axis=1),

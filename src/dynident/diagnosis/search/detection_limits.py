@@ -391,9 +391,10 @@ def _list_planted(rows: Products, final: FinalScores, members: Sequence[Candidat
     fitted, *kinds = (_BlockSums.from_portions(blocks, acts) for _ in range(len(KINDS) + 1))
     # Where the motion hardly determines the model, what it leaves of a column is much larger on blocks that it has not
     # seen, and held-out errors show an effect by that.
-    for j, errors in fits.read_errors():
-        for sums, own_errors in zip((fitted, *kinds), errors, strict=True):
-            sums.add_joint(j, own_errors, 1.0 / state.noise[j] ** 2)
+    for j, sigma in enumerate(state.noise):
+        for errors in fits.read_errors(j):
+            for sums, own_errors in zip((fitted, *kinds), errors, strict=True):
+                sums.add_joint(j, own_errors, 1.0 / sigma**2)
     folds = [tuple(split_data_folds(rows, kind)) for kind in KINDS]
     counts = rows.counts.sum(axis=0)
     for number, portion in enumerate(blocks.portions):
@@ -483,8 +484,7 @@ def _find_thresholds(planted: Sequence[_PlantedEffect]) -> Iterator[tuple[_Plant
 
 
 def _build_limit(pool: Pool, planted: _PlantedEffect, thresholds: FloatArray) -> DetectionLimit:
-    candidate = planted.candidate
-    main = int(np.argmax(np.abs(planted.direction)))
+    candidate, main = planted.candidate, int(np.argmax(np.abs(planted.direction)))
     column = pool.observation.columns[candidate.columns[main]]
     usual = abs(float(planted.direction[main]))
     thresholds = np.sort(thresholds)

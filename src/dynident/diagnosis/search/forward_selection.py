@@ -184,7 +184,7 @@ def search_findings(
             break
         if choice is None:
             # What was found on other joints since changes little: that is asked once nothing else passes.
-            family = score_family(state, [scored.candidate for scored in judged])
+            family = score_family(state, [scored.candidate for scored in judged], family)
             continue
         # The grid is coarse: before a name is settled, its rivals are tried with finer constants.
         chosen, equal = compare_names(rows, state, choice, judged)
@@ -204,10 +204,10 @@ def search_findings(
         state = grown
         remaining = _list_remaining(state.pool, state.findings[len(contacts) :])
         again = changes_prediction(chosen.candidate.choice)
-        family = score_family(state, remaining, None if again else family, chosen.joints)
+        family = score_family(state, remaining, family, None if again else chosen.joints)
         record.record_losses(finding, judged, family.scored)
     record.added = state.findings[len(contacts) :]
-    record.state, record.rows = state, rows
+    record.state, record.rows, record.family = state, rows, family
     return record
 
 

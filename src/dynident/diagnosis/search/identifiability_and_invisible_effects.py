@@ -11,7 +11,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
-from dynident.diagnosis.candidates.held_out_scores import compute_fitted_errors, compute_held_out_errors
+from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors, score_fitted
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
@@ -172,9 +172,8 @@ def is_main_explanation(state: State, scored: ScoredCandidate) -> bool:
     """
     # Fitted, not held out: what a poor motion leaves undetermined cannot be predicted by any model.
     rows = state.data.select_for_candidates(state.base, np.array(state.data.find_row_kinds(scored.candidate.columns)))
-    before, after, _, _ = compute_fitted_errors(rows, state.columns, scored.candidate, state.noise)
-    own = list(scored.joints)
-    initial, remaining = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
+    fitted, own = score_fitted(rows, state.columns, scored.candidate, state.noise), list(scored.joints)
+    initial, remaining = fitted.before[:, own].sum(axis=0), fitted.after[:, own].sum(axis=0)
     # A group is judged by all of its joints together.
     if len(scored.candidate.joints) > 1:
         initial, remaining = initial.sum(keepdims=True), remaining.sum(keepdims=True)

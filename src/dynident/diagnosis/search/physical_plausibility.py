@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.array_types import FloatArray, IndexArray
+from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
-from dynident.diagnosis.candidates.held_out_scores import JointBlocks, compute_deviations
+from dynident.diagnosis.candidates.held_out_scores import compute_deviations
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
 from dynident.diagnosis.decision_levels import RULES
@@ -70,8 +70,7 @@ def _check_parameters(
     effect, pool = get_effect(scored.candidate.effect), state.pool
     if pool.is_change(scored.candidate):
         # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
-        blocks = JointBlocks.from_products(rows, state.columns, [scored.candidate])
-        own = _build_estimates(values, compute_deviations(blocks, 1, state.noise)[0])
+        own = _build_estimates(values, compute_deviations(rows, state.columns, [scored.candidate], state.noise)[0])
         is_possible = _is_possible_change(state, scored, own)
     else:
         own, shape = _build_estimates(values, doubts), scored.candidate.choice.shape_values
@@ -169,26 +168,46 @@ def _fit_columns(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the parameters (k,) of a model and a candidate, fitted to all blocks, and their standard deviations (k,).
 
-    The model's own equations are the same beside every candidate: they are inverted once, and by blocks with it.
+    The model's own equations are the same beside every candidate: they are inverted once, and by blocks with it. Of
+    parameters that the data do not determine these are the smallest, with the pseudo-inverse: no check of signs takes
+    offence at zero.
     """
     model = data.find_cached(("model", base, noise.tobytes()), lambda: _ModelFit.from_products(data, base, noise))
     mixed, squares, right = _sum_products(data, base, own, noise)
-    scale = np.sqrt(np.maximum(np.diag(squares), np.finfo(float).tiny))
+    scale = _take_sizes(squares)
     mixed, squares, right = mixed / np.outer(model.scale, scale), squares / np.outer(scale, scale), right / scale
     rest = model.inverse @ mixed
-    own_values, own_vectors = np.linalg.eigh(squares - mixed.T @ rest)
-    if not model.is_regular or own_values[0] < _REGULAR:
-        return _fit_together(data, np.array(base + own, dtype=np.intp), noise)
-    inverse = (own_vectors / own_values) @ own_vectors.T
+    sizes, directions = np.linalg.eigh(squares - mixed.T @ rest)
+    is_determined = sizes >= _REGULAR
+    inverse = (directions[:, is_determined] / sizes[is_determined]) @ directions[:, is_determined].T
     values = inverse @ (right - mixed.T @ model.values)
+    values = np.concatenate([model.values - rest @ values, values])
     variances = np.diag(model.inverse) + np.einsum("bk,kl,bl->b", rest, inverse, rest)
-    whole = np.concatenate([variances / model.scale**2, np.diag(inverse) / scale**2])
-    deviations = np.sqrt(RULES.rows_of_filter * np.maximum(whole, 0.0))
-    return np.concatenate([(model.values - rest @ values) / model.scale, values / scale]), deviations
+    variances = np.concatenate([variances, np.diag(inverse)])
+    if not is_determined.all():
+        # What the candidate and the model can say alike (b + k, r) is taken out of the solution, and of the inverse
+        # from both sides.
+        free = directions[:, ~is_determined]
+        alike = np.linalg.qr(np.concatenate([-rest @ free, free]))[0]
+        of_model, of_own = alike[: len(rest)], alike[len(rest) :]
+        shared = inverse @ (of_own - rest.T @ of_model)
+        shared = np.concatenate([model.inverse @ of_model - rest @ shared, shared])
+        values -= alike @ (alike.T @ values)
+        variances += (alike * (alike @ (alike.T @ shared) - 2.0 * shared)).sum(axis=1)
+    units = np.concatenate([model.scale, scale])
+    return values / units, np.sqrt(RULES.rows_of_filter * np.maximum(variances, 0.0)) / units
+
+
+def _take_sizes(squares: FloatArray) -> FloatArray:
+    """Return the norms (k,) of columns from their products (k, k)."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(squares), np.finfo(float).tiny)))
 
 
 _REGULAR = 1e-8
-"""Least eigenvalue of equations with unit columns from which on they are inverted as they are."""
+"""Least size of what is left of a direction of a candidate, with unit columns, from which on it is determined."""
+
+_RANK = 1e-10
+"""Share of the largest eigenvalue of the model's equations, with unit columns, from which on they are inverted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,15 +217,13 @@ class _ModelFit:
     inverse: FloatArray
     values: FloatArray
     scale: FloatArray
-    is_regular: bool
 
     @classmethod
     def from_products(cls, data: Products, base: tuple[int, ...], noise: FloatArray) -> _ModelFit:
         _, normal, right = _sum_products(data, (), base, noise)
-        scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-        values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-        inverse = (vectors / np.maximum(values, _REGULAR)) @ vectors.T
-        return cls(inverse, inverse @ (right / scale), scale, bool(values[0] >= _REGULAR))
+        scale = _take_sizes(normal)
+        inverse = np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=_RANK, hermitian=True), float)
+        return cls(inverse, inverse @ (right / scale), scale)
 
 
 def _sum_products(
@@ -215,27 +232,18 @@ def _sum_products(
     """Return the products of `base` and `own` (b, k), of `own` (k, k), and of `own` with the torque (k,)."""
     b, k = len(base), len(own)
     mixed, squares, right = np.zeros((b, k)), np.zeros((k, k)), np.zeros(k)
+    columns, own_columns = np.array(base, dtype=np.intp), np.array(own, dtype=np.intp)
     for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
-        have, places = find_present(where, np.array(own, dtype=np.intp))
+        have, places = find_present(where, own_columns)
         if not len(have):
             continue
-        known, known_places = find_present(where, np.array(base, dtype=np.intp))
+        known, known_places = find_present(where, columns)
         total = data.sum_products(joint, np.concatenate([known_places, places, [-1]]), np.append(places, -1))
         total /= sigma**2
-        mixed[np.ix_(known, have)] += total[: len(known), :-1]
-        squares[np.ix_(have, have)] += total[len(known) : -1, :-1]
+        mixed[known[:, None], have] += total[: len(known), :-1]
+        squares[have[:, None], have] += total[len(known) : -1, :-1]
         right[have] += total[len(known) : -1, -1]
     if data.known is not None:
-        more, more_right = data.known.compute_products(np.array(own, dtype=np.intp), np.diag(squares))
+        more, more_right = data.known.compute_products(own_columns, np.diag(squares))
         squares, right = squares + more, right + more_right
     return mixed, squares, right
-
-
-def _fit_together(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the same for columns (k,) that the data may not determine, of which the smallest parameters."""
-    _, normal, right = _sum_products(data, (), tuple(columns.tolist()), noise)
-    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    # The pseudo-inverse leaves undetermined parameters at zero, which no check of signs takes offence at.
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    deviations = np.sqrt(RULES.rows_of_filter * np.maximum(np.diag(inverse), 0.0)) / scale
-    return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)

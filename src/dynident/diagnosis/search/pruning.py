@@ -12,9 +12,9 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
-from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, compute_held_out_errors
+from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, score_folds
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.candidates.time_blocks_and_folds import NEARLY_ALL, Products, can_leave_out_runs
+from dynident.diagnosis.candidates.time_blocks_and_folds import NEARLY_ALL, can_leave_out_runs
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
@@ -50,24 +50,26 @@ def select_harmless(state: State, columns: Sequence[tuple[int, ...]]) -> list[in
 
 def _is_harmless(state: State, own: tuple[int, ...]) -> bool:
     # The rows of the larger model for both, so that the errors are of the same samples.
-    larger, noise = replace(state, base=state.base + own), state.noise
+    larger, noise, finding = replace(state, base=state.base + own), state.noise, [Candidate("", (), (), own)]
     rows = larger.rows
+    blocks = JointBlocks.from_products(rows, state.columns, finding)
+    fits = None
     # Whole runs are the harder test: they are other motions, or other days.
-    by_runs = can_leave_out_runs(rows, larger.columns) and _is_shown_by_several_runs(state, rows, own)
-    kind = "runs" if by_runs else "parts"
-    before, after = (compute_held_out_errors(rows, model.columns, noise, kind) for model in (state, larger))
+    if can_leave_out_runs(rows, larger.columns):
+        by_runs = FoldedFits.from_blocks(rows, blocks, noise, ("runs",))
+        fits = by_runs if _is_shown_by_several_runs(by_runs) else None
+    fits = fits or FoldedFits.from_blocks(rows, blocks, noise, ("parts",))
+    (((before, (score,)),), _) = score_folds(rows, fits, finding, noise, by_parameters=False)
     # As in scoring, no loss counts for more than there was: a part left out may be what decides.
-    return not _is_harmful(before / noise**2, np.minimum(after, 2.0 * before) / noise**2)
+    return not _is_harmful(before / noise**2, np.minimum(score.after, 2.0 * before) / noise**2)
 
 
-def _is_shown_by_several_runs(state: State, rows: Products, own: tuple[int, ...]) -> bool:
+def _is_shown_by_several_runs(fits: FoldedFits) -> bool:
     """Return whether the parameters of a finding are known beside the model without any one of the runs.
 
     A load on a shank has large columns in every run, but while the feet stand, they say what columns of the model say:
     only the runs in which the foot is lifted show it.
     """
-    blocks = JointBlocks.from_products(rows, state.columns, [Candidate("", (), (), own)])
-    fits = FoldedFits.from_blocks(rows, blocks, state.noise, ("runs",))
     whole, *without_each = fits.fits.get_remaining_products(0)[:, 0]
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
     sizes, directions = np.linalg.eigh(whole / np.outer(scale, scale))

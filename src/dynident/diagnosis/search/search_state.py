@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -109,6 +109,11 @@ class State:
         return np.array(self.base, dtype=np.intp)
 
     @property
+    def key(self) -> Hashable:
+        """What tells the model so far and its data from others: beside it, scores are the same."""
+        return self.base, self.noise.tobytes(), self.data.identity
+
+    @property
     def rows(self) -> Products:
         """Rows that are equations for the model so far."""
         return self.data.select_for_model(self.base)
@@ -193,13 +198,16 @@ class ScoredFamily:
         What the test asks of each of them.
     draws : tuple of (draws,)
         Sizes of the scores of each of them, with the signs of blocks drawn anew.
+    models : tuple of hashable
+        The model (`State.key`) that each of them was scored beside.
     is_fresh : bool
-        Whether all of them were scored beside the same model.
+        Whether that is for all of them the model that they were tested beside.
     """
 
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
     draws: tuple[FloatArray, ...] = ()
+    models: tuple[Hashable, ...] = ()
     is_fresh: bool = True
 
 
@@ -207,9 +215,11 @@ def score_family(
     state: State,
     candidates: Sequence[Candidate],
     earlier: ScoredFamily | None = None,
-    changed: Collection[int] = (),
+    changed: Collection[int] | None = None,
 ) -> ScoredFamily:
     """Score candidates as `score_all` does, and test them together.
+
+    What was scored beside the same model is not scored again.
 
     Parameters
     ----------
@@ -218,33 +228,38 @@ def score_family(
     candidates : sequence of Candidate
         Candidates to score.
     earlier : ScoredFamily, optional
-        Scores beside a model that differs on some joints, or on none: they stay for candidates that act on none of
-        these.
-    changed : collection of int
-        Indices of these joints.
+        Scores beside a model that may differ: they stay for candidates that act on none of the joints where it does.
+    changed : collection of int, optional
+        Indices of these joints; all where left out.
 
     Returns
     -------
     ScoredFamily
         The candidates with the p-value of the family-wise test, and what the test asks of each of them.
     """
-    known = {} if earlier is None else dict(zip(earlier.scored, earlier.draws, strict=True))
-    pairs = {each.candidate: (each, own) for each, own in known.items() if set(changed).isdisjoint(each.joints)}
-    stale = [candidate for candidate in candidates if candidate not in pairs]
-    is_fresh = len(stale) == len(candidates) or (earlier is not None and earlier.is_fresh and not changed)
+    known: dict[Candidate, tuple[ScoredCandidate, FloatArray, Hashable]] = {}
+    if earlier is not None:
+        for scored, own, model in zip(earlier.scored, earlier.draws, earlier.models, strict=True):
+            if changed is not None and set(changed).isdisjoint(scored.joints):
+                known[scored.candidate] = scored, own, model if changed else state.key
+            elif model == state.key:
+                known[scored.candidate] = scored, own, model
+    stale = [candidate for candidate in candidates if candidate not in known]
     for rows in _group_by_rows(state, stale, None):
         scored_rows, contributions = _score_same_rows(rows, state, by_parameters=True)
         for candidate, own in zip(rows.candidates, contributions, strict=True):
             # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
             own *= state.pool.is_change(candidate) or may_use_scores(candidate)
-        pairs.update(zip(rows.candidates, zip(scored_rows, draw_scores(contributions), strict=True), strict=True))
-    members = [pairs[candidate] for candidate in candidates]
+        for candidate, each, own in zip(rows.candidates, scored_rows, draw_scores(contributions), strict=True):
+            known[candidate] = each, own, state.key
+    members = [known[candidate] for candidate in candidates]
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
-    gains = np.stack([scored.gains for scored, _ in members]) if members else np.zeros((0, 0))
-    draws = tuple(own for _, own in members)
+    gains = np.stack([scored.gains for scored, _, _ in members]) if members else np.zeros((0, 0))
+    draws = tuple(own for _, own, _ in members)
     p, levels = run_familywise_test(gains, draws, state.level)
-    tested = tuple(replace(scored, p=float(own)) for (scored, _), own in zip(members, p, strict=True))
-    return ScoredFamily(tested, levels, draws, is_fresh)
+    tested = tuple(replace(scored, p=float(own)) for (scored, _, _), own in zip(members, p, strict=True))
+    models = tuple(model for _, _, model in members)
+    return ScoredFamily(tested, levels, draws, models, all(model == state.key for model in models))
 
 
 def may_use_scores(candidate: Candidate) -> bool:
@@ -352,6 +367,8 @@ class SearchRecord:
         The findings as they were added one by one, before they were renamed, merged, pruned or split.
     losses : dict of EffectChoice to Loss
         Which finding took most of each candidate's gain.
+    family : ScoredFamily or None
+        The candidates that were left in the last round.
     """
 
     state: State
@@ -361,6 +378,7 @@ class SearchRecord:
     dropped: dict[Candidate, Reason] = field(default_factory=dict)
     added: tuple[Finding, ...] = ()
     losses: dict[EffectChoice, Loss] = field(default_factory=dict)
+    family: ScoredFamily | None = None
 
     def record_losses(
         self, finding: Finding, before: Sequence[ScoredCandidate], after: Sequence[ScoredCandidate]
