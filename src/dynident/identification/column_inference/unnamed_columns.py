@@ -380,8 +380,9 @@ def group_other_names(
     for signal in _OF_JOINTS:
         columns = [index for index in rest if named[index].signal == signal and named[index].rank < COMMANDED_RANK]
         words = [frozenset(named[index].words) for index in columns]
-        is_uniform = len({not named[index].numbers for index in columns}) == 1  # or a counted hand is beside the arm
-        if len(columns) >= n > 1 and signal not in taken and is_uniform:
+        # Of more columns than joints, counted ones beside others are another device's, such as a hand's.
+        is_one_device = len(columns) == n or len({not named[index].numbers for index in columns}) == 1
+        if len(columns) >= n > 1 and signal not in taken and is_one_device:
             own = [each - frozenset.intersection(*words) for each in words]
             if all(own) and len(set(own)) == len(own):
                 members[signal], joints[signal] = columns, own
@@ -394,13 +395,13 @@ def group_other_names(
     spare = {signal: len(columns) - n for signal, columns in members.items()}
     is_even = spare["q"] == spare[effort]
     starts = [(k, k) for k in range(spare["q"] + 1)] if is_even else [(0, 0), (spare["q"], spare[effort])]
-    (share, first, _), *others = sorted(
-        (measure(tuple(members["q"][i : i + n]), tuple(members[effort][k : k + n])), i, k) for i, k in starts
-    )
+    q, tau = members["q"], members[effort]
+    trials = ((measure(tuple(q[i : i + n]), tuple(tau[k : k + n])), i) for i, k in starts)
+    (share, first), *others = sorted(trials)
     if share > _EXPLAINED or (others and others[0][0] < _CLEARLY * share):
         return []
-    of_all = "as many columns as joints, in the order of the file, as their names are of none of the robot's joints"
-    reason = "those of the columns beside each other that the robot's dynamics explain" if others else of_all
+    reason = "as many columns as joints, in the order of the file, as their names are of none of the robot's joints"
+    reason = "those of the columns beside each other that the robot's dynamics explain" if others else reason
     start = {signal: further if first == spare["q"] else first for signal, further in spare.items()}
     return [
         ColumnGroup(chosen, signal, named[chosen[0]].unit, named[chosen[0]].rank, named[chosen[0]], reason)
