@@ -371,8 +371,8 @@ def group_other_names(
 ) -> list[ColumnGroup]:
     """Return signals of joints that the description calls otherwise, such as base_pos and base_torque.
 
-    As many columns as joints, or more, as with a gripper or a free base, have the same words beside the signal's. They
-    are in the order of the file, if the dynamics do not contradict it. Parameters as of `group_unnamed_columns`.
+    As many columns as joints, or more (a gripper, a free base), have the same words beside the signal's. The order is
+    the file's, if the dynamics do not contradict it. Parameters as of `group_unnamed_columns`.
     """
     named, taken, n = work.column_names, {group.signal for group in groups}, work.robot.n
     members: dict[Signal, list[int]] = {}
@@ -388,8 +388,7 @@ def group_other_names(
                 members[signal], joints[signal] = columns, own
     own = joints.get("q", [])
     members = {signal: each for signal, each in members.items() if len(each) != len(own) or joints[signal] == own}
-    effort = next((signal for signal in _OF_JOINTS[2:] if signal in members), None)
-    if not own or effort is None:
+    if not own or not (effort := next((signal for signal in _OF_JOINTS[2:] if signal in members), None)):
         return []
     # A free base has more positions than velocities: then the joints come first, or last.
     spare = {signal: len(columns) - n for signal, columns in members.items()}
