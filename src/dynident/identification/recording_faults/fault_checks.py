@@ -343,7 +343,7 @@ def _find_unlike_halves(
     robot: Robot, motion: Motion, period: float, judges: HeldOutFits, seconds: float
 ) -> tuple[float, float] | None:
     """Return the delays of both halves of a motion where these show that it is another one; None otherwise."""
-    times, m, found = np.arange(len(motion.q)), len(motion.q) // 2, []
+    times, m, rests = np.arange(len(motion.q)), len(motion.q) // 2, []
     undone = scipy.interpolate.make_interp_spline(times, motion.tau)(np.clip(times + seconds / period, 0, times[-1]))
     for rows in (slice(0, m), slice(m, 2 * m)):
         q, dq, ddq, tau = (signal[rows] for signal in (motion.q, motion.dq, motion.ddq, undone))
@@ -351,8 +351,8 @@ def _find_unlike_halves(
         # A half in which the robot is slow tells little of a delay.
         if rest is None or rest.is_at_the_end or rest.left_without > _CLEARLY_LESS * rest.left_with:
             return None
-        found.append(rest.seconds)
-    return (seconds + found[0], seconds + found[1]) if found[0] * found[1] < 0.0 else None
+        rests.append(rest.seconds)
+    return (seconds + rests[0], seconds + rests[1]) if rests[0] * rests[1] < 0.0 else None
 
 
 def _report_scales(
