@@ -107,6 +107,7 @@ def map_in_threads(
     items: Sequence[_Item],
     sizes: Sequence[float],
     progress: Progress = ignore_progress,
+    most: int | None = None,
 ) -> list[_Result]:
     """Apply `work` to every item, in threads where the items are large; return the results in the items' order.
 
@@ -122,6 +123,8 @@ def map_in_threads(
         Size of each item in samples; progress is counted by them.
     progress : function
         Called by the calling thread alone; may raise to cancel.
+    most : int, optional
+        Largest number of items at a time, where each needs much memory; by default the number of processors.
 
     Returns
     -------
@@ -134,7 +137,7 @@ def map_in_threads(
         Whatever the work of an item raises; the other items are then stopped.
     """
     total_size = float(sum(sizes)) or 1.0
-    n_threads = min(len(items), count_processors())
+    n_threads = min(len(items), count_processors(), most or len(items))
     if n_threads < 2 or total_size < MIN_PARALLEL_SIZE:
         return map_sequentially(work, items, sizes, progress)
     done, message, errors = [0.0] * len(items), "", list[BaseException]()

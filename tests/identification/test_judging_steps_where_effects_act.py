@@ -118,6 +118,10 @@ def test_a_first_model_has_nothing_to_be_confirmed(plain: Identification) -> Non
         ([0.05, 0.0501], [False, True], 1, (), (0,)),  # Confirmed at other rows.
         ([0.05, 0.06], [False, True], 0, (1,), ()),
         ([0.05, 0.03, 0.04, 0.02], [False] * 4, 3, (), ()),
+        ([1.0, 1.004, 1.008, 1.012], [False, True, True, True], 1, (2, 3), (0,)),  # The same, step by step, is not.
+        ([1.0, 0.9955, 1.0045], [False, False, True], 0, (2,), (1,)),  # Not the same as the smallest.
+        ([1.0, 0.996, 0.992, 0.988], [False] * 4, 2, (), (3,)),
+        ([1.0, 1.003, 1.02, 1.004], [False] * 4, 0, (2,), (1, 3)),  # Nobody would notice that the error is larger.
     ],
 )
 def test_the_best_step_is_that_of_the_smallest_error_or_of_the_same_and_confirmed(

@@ -23,10 +23,12 @@ def make_errors(shoulder: float | None, elbow: float | None, total: float | None
     return ErrorFigures((shoulder, elbow), (shoulder, elbow), total)
 
 
-def make_step(errors: ErrorFigures, *, added: bool = False, removed: bool = False, confirmed: str = "") -> Step:
+def make_step(
+    errors: ErrorFigures, *, added: bool = False, removed: bool = False, confirmed: str = "", size: int | None = 10
+) -> Step:
     effects = (STRIBECK,)
     confirming = (confirmed,) if confirmed else ()
-    return Step(effects * added, effects * removed, 10, errors, errors, errors.relative_total, confirming)
+    return Step(effects * added, effects * removed, size, errors, errors, errors.relative_total, confirming)
 
 
 def describe(before: ErrorFigures, **after: object) -> StepSentence:
@@ -76,6 +78,31 @@ def test_a_model_is_not_called_best_when_another_predicts_as_well() -> None:
     assert build_ladder_table([make_step(FIRST), confirmed], JOINTS).notes == (
         f"{same}held-out data confirm what model 2 adds.",
     )
+
+
+@pytest.mark.parametrize(
+    ("totals", "words"),
+    [
+        ((0.1, 0.2, 0.1001, 0.3), "Models 1 and 3 predict {same}; the held-out error of models 2 and 4 is larger."),
+        ((0.1, 0.2, 0.1001, 0.1), "Models 1, 3 and 4 predict {same}; the held-out error of model 2 is larger."),
+        ((0.1, 0.1001, 0.2, 0.3), "Models 1 and 2 predict {same}; from model 3 on the held-out error is larger: "),
+    ],
+)
+def test_the_models_whose_error_is_larger_are_named(totals: tuple[float, ...], words: str) -> None:
+    table = build_ladder_table([make_step(make_errors(0.1, 0.1, total), added=True) for total in totals], JOINTS)
+    same = "held-out data equally well where joints move; model 1 is the simplest"
+    assert table.notes[0].startswith(words.format(same=same))
+    last = [row[-1].text for row in table.rows]
+    assert last.count("↑ rises") + last.count("equal") == 3
+
+
+@pytest.mark.parametrize(("sizes", "is_said"), [((12, 11, 10), True), ((10, 11, 10), False), ((10, 11, None), False)])
+def test_a_model_is_called_the_simplest_by_its_parameters(sizes: tuple[int | None, ...], is_said: bool) -> None:
+    steps = [make_step(FIRST, removed=k == 2, size=size) for k, size in enumerate(sizes)]
+    table = build_ladder_table(steps, JOINTS)
+    assert [row[-1].text for row in table.rows] == ["equal", "equal", "✓ preferred"]
+    reason = "; model 3 is the simplest" * is_said
+    assert table.notes == (f"Models 1, 2 and 3 predict held-out data equally well where joints move{reason}.",)
 
 
 def test_two_ladders_of_different_lengths_stand_side_by_side() -> None:

@@ -156,3 +156,17 @@ def test_a_robot_that_branches_has_limbs() -> None:
     assert limbs[4].joints == ("r_arm_joint", "r_hand_joint")
     assert list_limbs({"a": None, "b": "a"}) == []
     assert list_limbs({}) == []
+
+
+def test_coordinates_of_a_moving_base_are_no_limb_and_are_not_counted() -> None:
+    before = {"base_x": None, "base_y": "base_x", "base_yaw": "base_y"}
+    before |= {"l_hip_joint": "base_yaw", "l_knee_joint": "l_hip_joint", "r_hip_joint": "base_yaw"}
+    limbs = list_limbs(before, 3)
+    assert [(limb.title, limb.parent) for limb in limbs] == [
+        ("all 3 joints", None),
+        ("l_hip to l_knee, 2 joints", 0),
+        ("r_hip", 0),
+    ]
+    assert limbs[0].joints == tuple(before)
+    del before["r_hip_joint"]
+    assert list_limbs(before, 3) == []

@@ -157,6 +157,7 @@ def test_a_robot_may_float_and_stand_on_feet_of_unknown_force(client: TestClient
     robot = answer.json()
     assert robot["base"] == "floating"
     assert [joint["name"] for joint in robot["joints"]] == [*BASE_JOINTS["floating"], "hip", "knee", "shoulder"]
+    assert [limb["title"] for limb in robot["limbs"]] == ["all 3 joints", "hip to knee, 2 joints", "shoulder"]
     assert "M6" in robot["base_parameters"]["names"]
     assert client.get(answer.headers["location"]).json() == robot
     assert client.post("/v1/robots", json={**body, "contacts": ["shin"]}).status_code == 201

@@ -220,4 +220,21 @@ def test_a_limb_leaves_its_joints_alone_in_tables_and_figures(
     assert axe.Axe().run(page, context="nav.limbs").response["violations"] == []
     page.locator("nav.limbs button").first.click()
     expect(names).to_have_count(known.robot.n)
+    # Where columns are matched to joints, these have the names of the description.
+    page.goto(f"/?view=new&robot={robot.id}")
+    expect(page.get_by_text("guesses the columns")).to_contain_text(f"Joints: {', '.join(known.robot.joint_names)}.")
     assert heard.complaints == []
+
+
+HIDE = """async () => {
+  const { limbTree } = await import('/workbench/js/limbs.js');
+  const limbs = [['', 'b'], [''], ['b']].map((joints, k) => ({ title: `limb ${k}`, joints, parent: k ? 0 : null }));
+  limbTree({ limbs }, () => {}, new AbortController().signal).querySelectorAll('button')[2].click();
+  return document.adoptedStyleSheets.at(-1).cssRules.length;
+}"""
+
+
+def test_a_joint_without_a_name_is_hidden_as_well(page: Any) -> None:
+    page.goto("/?view=new")
+    page.locator("#new-robot").wait_for()
+    assert page.evaluate(HIDE) == 1

@@ -62,7 +62,7 @@ def diagnose_model(task: Task) -> Outcome:
         replace(choices, has=has, has_not=has_not),
         baseline=earlier,
         validation=open_stored_recordings(task, held_out_ids),
-        checks=load_stored_checks(task, [*measurement_ids, *held_out_ids]),
+        checks=load_stored_checks(task, measurement_ids),
         progress=scale_progress(task.progress, 0.0, 0.9),
     )
     diagnosis = examined.diagnosis

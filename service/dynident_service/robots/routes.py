@@ -11,6 +11,7 @@ from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 
+from dynident.robot.description_formats import BASE_JOINTS
 from dynident.robot.joint import list_limbs
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_service.jobs.confinement import ComputationLimits
@@ -71,7 +72,8 @@ def show_robot(resource: Resource) -> RobotView:
     """Show a stored robot."""
     hardware = {part: resource.request.get(part, []) for part in ("has", "has_not")}
     result = resource.result or {}
-    limbs = list_limbs({joint["name"]: joint["antecedent"] for joint in result.get("joints", ())})
+    antecedents = {joint["name"]: joint["antecedent"] for joint in result.get("joints", ())}
+    limbs = list_limbs(antecedents, len(BASE_JOINTS[result.get("base", "fixed")]))
     shown = {**vars(resource), **result, **hardware, "meshes": list_meshes(resource), "limbs": list(map(vars, limbs))}
     return RobotView.model_validate(shown)
 

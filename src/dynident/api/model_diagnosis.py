@@ -342,7 +342,7 @@ def diagnose(
         checked_recordings.recordings,
         choices,
         validation=held_out.recordings,
-        checks={item.name: item.checks for item in (*checked_recordings, *held_out)},
+        checks={item.name: item.checks for item in checked_recordings},
         progress=progress,
     )
     return DiagnosedModel(desk_model, checked_recordings, examination)

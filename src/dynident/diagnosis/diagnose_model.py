@@ -185,7 +185,7 @@ def examine(
     baseline, validation : sequence of Recording, optional
         Earlier recordings of the same robot, and held-out ones, as for `diagnose`.
     checks : mapping of str to sequence of Check, optional
-        What the checks of the recordings found, by name: a fault that one of them names looks like a missing effect.
+        Checks of the `recordings`, by name: a fault that one of them names looks like a missing effect.
     with_limits : bool
         Whether detection limits are computed, as for `diagnose`.
     progress : Progress
@@ -283,9 +283,9 @@ def examine(
         model.robot.joint_names,
         is_given_up=record.is_undetermined,
     )
-    pointed = point_to_check(checks or {})
+    pointed = "" if verdict == "adequate" else point_to_check(checks or {})
     if pointed:
-        conclusion = replace(conclusion, next_step=f"{pointed} Then diagnose again.")
+        conclusion = replace(conclusion, next_step=f"{pointed} {conclusion.next_step}")
     sentences = [
         *([pointed] if pointed else []),
         *([word_changes(model.robot, changes, friction)] if changes is not None else []),

@@ -84,6 +84,8 @@ class Disturbance:
         The push that explains it; None where none does.
     force : (3,), optional
         Force of the push at its middle along the axes of the base, N.
+    load : OtherLoad, optional
+        Another load that explains it as well as the push.
     """
 
     recording: int
@@ -96,6 +98,7 @@ class Disturbance:
     cause: str = ""
     contact: Finding | None = None
     force: FloatArray | None = None
+    load: OtherLoad | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,7 +381,7 @@ def _explain(disturbance: Disturbance, identification: Identification, recording
     ]
     best = max(contacts, key=lambda contact: contact.judged.t, default=None)
     load = _find_load(disturbance, identification, inputs, best)
-    if load is not None:
+    if load is not None and load.is_clear:
         cause = f"the robot carried {load} than in the other seconds: a load was picked up or put down"
         return replace(disturbance, cause=cause)
     if best is None:
@@ -387,13 +390,14 @@ def _explain(disturbance: Disturbance, identification: Identification, recording
     amplitudes = dict(zip(names, best.judged.amplitudes.tolist(), strict=True))
     force = np.array([amplitudes.get(f"f{axis}", 0.0) + amplitudes.get(f"f{axis}h", 0.0) for axis in "xyz"])
     window = dict(best.judged.candidate.shape)
-    return replace(disturbance, start=float(window["t0"]), end=float(window["t1"]), contact=best, force=force)
+    start, end = float(window["t0"]), float(window["t1"])
+    return replace(disturbance, start=start, end=end, contact=best, force=force, load=load)
 
 
 def _find_load(
     disturbance: Disturbance, identification: Identification, inputs: RegressorInputs, push: Finding | None
 ) -> OtherLoad | None:
-    """Return the load that is another one in a disturbance; None where a push explains the residual as well."""
+    """Return the load that explains a disturbance, and whether it explains more than a push; None where none does."""
     model, width = identification.model, _compute_filter_width(identification)
     window = (disturbance.start + width, disturbance.end - width)
     if window[0] >= window[1]:
@@ -442,10 +446,13 @@ def _word_push(disturbance: Disturbance, identification: Identification) -> str:
         return disturbance.cause
     robot = identification.model.robot
     link = int(dict(disturbance.contact.judged.candidate.shape).get("link", 0.0))
+    # In a short span a force does what a load does.
+    either = "" if disturbance.load is None else f", or the robot carried {disturbance.load}"
     # Where along the arm it is pushed, a few seconds hardly tell: a force farther out may do the same.
     if link:
-        return f"an external force acted on the link of {robot.tree.joint_names[link - 1]}, or on a link beyond it"
-    return f"an external force of about {np.linalg.norm(disturbance.force):.2g} N acted on the last link"
+        joint = robot.tree.joint_names[link - 1]
+        return f"an external force acted on the link of {joint}, or on a link beyond it{either}"
+    return f"an external force of about {np.linalg.norm(disturbance.force):.2g} N acted on the last link{either}"
 
 
 def _can_be_added(

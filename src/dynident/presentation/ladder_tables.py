@@ -135,21 +135,35 @@ def describe_best_step(best_step: BestStep | None, steps: Sequence[Step]) -> str
     """Return the sentence that says which model of a ladder predicts held-out data best; "" without a choice."""
     if best_step is None or len(steps) < 2:
         return ""
-    number = best_step.best + 1
-    best = f"Model {number} predicts held-out data best"
+    best = f"Model {best_step.best + 1} predicts held-out data best"
     if best_step.equal:
         # The smallest error alone does not decide, so no model is said to have it.
-        equal = " and ".join(str(k + 1) for k in sorted((best_step.best, *best_step.equal)))
-        is_confirmed = bool(steps[best_step.best].confirmed_by)
-        reason = (
-            f"held-out data confirm what model {number} adds" if is_confirmed else f"model {number} is the simplest"
-        )
-        best = f"Models {equal} predict held-out data equally well where joints move; {reason}"
-    harmful = [k for k in best_step.rises if k not in best_step.equal]
-    if not harmful:
+        equal = sorted((best_step.best, *best_step.equal))
+        reason = _describe_preference(best_step.best, equal, steps)
+        best = f"Models {_join_numbers(equal)} predict held-out data equally well where joints move{reason}"
+    rises = best_step.rises
+    if not rises:
         return f"{best}."
-    rise = harmful[0] + 1
-    return f"{best}; from model {rise} on the held-out error is larger: the steps from there on do not help."
+    if len(rises) < len(steps) - rises[0]:
+        models = "models" if len(rises) > 1 else "model"
+        return f"{best}; the held-out error of {models} {_join_numbers(rises)} is larger."
+    return f"{best}; from model {rises[0] + 1} on the held-out error is larger: the steps from there on do not help."
+
+
+def _describe_preference(best: int, equal: Sequence[int], steps: Sequence[Step]) -> str:
+    """Return why a model is preferred to others that predict as well; "" where neither data nor its size tell."""
+    if steps[best].confirmed_by:
+        return f"; held-out data confirm what model {best + 1} adds"
+    sizes = [size for k in equal if (size := steps[k].n_parameters) is not None]
+    # Of as many parameters, the earlier model is the simpler one.
+    is_simplest = len(sizes) == len(equal) and equal[sizes.index(min(sizes))] == best
+    return f"; model {best + 1} is the simplest" if is_simplest else ""
+
+
+def _join_numbers(models: Sequence[int]) -> str:
+    """Return the numbers of models, from 1 on: "1, 2 and 3"."""
+    *others, last = (str(k + 1) for k in models)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def build_ladder_joint_table(

@@ -172,24 +172,30 @@ class Limb:
     parent: int | None
 
 
-def list_limbs(antecedents: Mapping[str, str | None]) -> list[Limb]:
+def list_limbs(antecedents: Mapping[str, str | None], n_base: int = 0) -> list[Limb]:
     """List the limbs of a robot: the whole robot first, and each limb after the one that it branches off from.
 
     Parameters
     ----------
     antecedents : mapping of str to str or None
         The preceding joint of every joint, in the robot's order; none on the base.
+    n_base : int
+        Number of coordinates of a moving base, which are the first joints. They belong to the whole robot alone, and
+        are not counted: they are no joints to a user.
 
     Returns
     -------
     list of Limb
         Empty for a robot that does not branch: there is nothing to choose from.
     """
+    names = list(antecedents)
+    base, own = names[:n_base], names[n_base:]
     following: dict[str | None, list[str]] = {}
-    for joint, antecedent in antecedents.items():
-        following.setdefault(antecedent, []).append(joint)
-    ending = _find_common_ending(list(antecedents))
-    limbs = [Limb(f"all {len(antecedents)} joints", tuple(antecedents), None)]
+    for joint in own:
+        antecedent = antecedents[joint]
+        following.setdefault(None if antecedent in base else antecedent, []).append(joint)
+    ending = _find_common_ending(own)
+    limbs = [Limb(f"all {len(own)} joints", tuple(names), None)]
     # The last one comes first from the list, so that limbs keep the robot's order.
     beginnings = [(first, 0) for first in reversed(following.get(None, []))]
     while beginnings:

@@ -28,6 +28,8 @@ from dynident.estimation import PriorInformation
 from dynident.parallel import map_in_threads
 from dynident.progress import Progress
 
+# Joints that are scored at a time: each holds a piece of its rows, and their errors with every candidate.
+_MOST_JOINTS = 8
 # Difference from one below which a direction lies in the span of others.
 _SPANNED = 1e-6
 
@@ -227,7 +229,9 @@ def score_folds(
         return sums
 
     sizes = len(candidates) * data.counts.sum(axis=0)
-    sums = sum(map_in_threads(score_joint, range(n), sizes.tolist()), np.zeros((s, fits.blocks.n_extra)))
+    sums = sum(
+        map_in_threads(score_joint, range(n), sizes.tolist(), most=_MOST_JOINTS), np.zeros((s, fits.blocks.n_extra))
+    )
     # What is reported of a candidate comes from all data; only its errors are held out.
     separability, amplitudes = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(portions):

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lapack
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
@@ -176,22 +177,28 @@ def _fit_columns(
     mixed, squares, right = _sum_products(data, base, own, noise)
     scale = _take_sizes(squares)
     mixed, squares, right = mixed / np.outer(model.scale, scale), squares / np.outer(scale, scale), right / scale
-    rest = model.inverse @ mixed
-    sizes, directions = np.linalg.eigh(squares - mixed.T @ rest)
-    is_determined = sizes >= _REGULAR
+    known = model.root @ mixed
+    rest = model.root.T @ known
+    # What is left of a direction d of the candidate is measured against the whole change of parameters, (-rest d, d):
+    # where nearly equal columns of the model make that large, rounding alone leaves something of a direction that they
+    # span.
+    sizes, directions, failed = lapack.dsygvd(squares - known.T @ known, np.eye(len(own)) + rest.T @ rest)
+    if failed:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+    is_determined = sizes >= model.least
     inverse = (directions[:, is_determined] / sizes[is_determined]) @ directions[:, is_determined].T
     values = inverse @ (right - mixed.T @ model.values)
     values = np.concatenate([model.values - rest @ values, values])
-    variances = np.diag(model.inverse) + np.einsum("bk,kl,bl->b", rest, inverse, rest)
+    variances = (model.root**2).sum(axis=0) + np.einsum("bk,kl,bl->b", rest, inverse, rest)
     variances = np.concatenate([variances, np.diag(inverse)])
     if not is_determined.all():
-        # What the candidate and the model can say alike (b + k, r) is taken out of the solution, and of the inverse
-        # from both sides.
-        free = directions[:, ~is_determined]
-        alike = np.linalg.qr(np.concatenate([-rest @ free, free]))[0]
-        of_model, of_own = alike[: len(rest)], alike[len(rest) :]
+        # What the candidate and the model can say alike, in orthonormal directions (b + k, r), is taken out of the
+        # solution, and of the inverse from both sides.
+        of_own = directions[:, ~is_determined]
+        of_model = -rest @ of_own
+        alike = np.concatenate([of_model, of_own])
         shared = inverse @ (of_own - rest.T @ of_model)
-        shared = np.concatenate([model.inverse @ of_model - rest @ shared, shared])
+        shared = np.concatenate([model.root.T @ (model.root @ of_model) - rest @ shared, shared])
         values -= alike @ (alike.T @ values)
         variances += (alike * (alike @ (alike.T @ shared) - 2.0 * shared)).sum(axis=1)
     units = np.concatenate([model.scale, scale])
@@ -203,27 +210,39 @@ def _take_sizes(squares: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(np.diag(squares), np.finfo(float).tiny)))
 
 
-_REGULAR = 1e-8
-"""Least size of what is left of a direction of a candidate, with unit columns, from which on it is determined."""
-
 _RANK = 1e-10
-"""Share of the largest eigenvalue of the model's equations, with unit columns, from which on they are inverted."""
+"""Share of the largest eigenvalue of the model's equations, with unit columns, from which on they are determined."""
 
 
 @dataclass(frozen=True, eq=False)
 class _ModelFit:
-    """The model's own equations with unit columns: inverse (b, b), parameters (b,), and the columns' sizes (b,)."""
+    """The model's own equations with unit columns, inverted.
 
-    inverse: FloatArray
+    Parameters
+    ----------
+    root : (r, b)
+        Root of the inverse, rootᵀ root: products with the inverse itself lose twice as many digits.
+    values : (b,)
+        Parameters.
+    scale : (b,)
+        The columns' sizes.
+    least : float
+        Least eigenvalue from which on equations are determined.
+    """
+
+    root: FloatArray
     values: FloatArray
     scale: FloatArray
+    least: float
 
     @classmethod
     def from_products(cls, data: Products, base: tuple[int, ...], noise: FloatArray) -> _ModelFit:
         _, normal, right = _sum_products(data, (), base, noise)
         scale = _take_sizes(normal)
-        inverse = np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=_RANK, hermitian=True), float)
-        return cls(inverse, inverse @ (right / scale), scale)
+        sizes, directions = np.linalg.eigh(normal / np.outer(scale, scale))
+        least = _RANK * float(sizes.max(initial=1.0))
+        root = (directions / np.sqrt(np.maximum(sizes, least))).T[sizes >= least]
+        return cls(root, root.T @ (root @ (right / scale)), scale, least)
 
 
 def _sum_products(

@@ -109,9 +109,9 @@ class State:
         return np.array(self.base, dtype=np.intp)
 
     @property
-    def key(self) -> Hashable:
-        """What tells the model so far and its data from others: beside it, scores are the same."""
-        return self.base, self.noise.tobytes(), self.data.identity
+    def key(self) -> tuple[tuple[int, ...], Hashable]:
+        """What tells the model so far, and its noise and data, from others: beside them, scores are the same."""
+        return self.base, (self.noise.tobytes(), self.data.identity)
 
     @property
     def rows(self) -> Products:
@@ -198,7 +198,7 @@ class ScoredFamily:
         What the test asks of each of them.
     draws : tuple of (draws,)
         Sizes of the scores of each of them, with the signs of blocks drawn anew.
-    models : tuple of hashable
+    models : tuple of (tuple of int, hashable)
         The model (`State.key`) that each of them was scored beside.
     is_fresh : bool
         Whether that is for all of them the model that they were tested beside.
@@ -207,7 +207,7 @@ class ScoredFamily:
     scored: tuple[ScoredCandidate, ...]
     levels: FamilywiseLevels
     draws: tuple[FloatArray, ...] = ()
-    models: tuple[Hashable, ...] = ()
+    models: tuple[tuple[tuple[int, ...], Hashable], ...] = ()
     is_fresh: bool = True
 
 
@@ -230,20 +230,21 @@ def score_family(
     earlier : ScoredFamily, optional
         Scores beside a model that may differ: they stay for candidates that act on none of the joints where it does.
     changed : collection of int, optional
-        Indices of these joints; all where left out.
+        Indices of these joints; all where left out. With none, scores beside the same columns stay: the data may be
+        those of another pool, of the same rows, in which they have the same numbers.
 
     Returns
     -------
     ScoredFamily
         The candidates with the p-value of the family-wise test, and what the test asks of each of them.
     """
-    known: dict[Candidate, tuple[ScoredCandidate, FloatArray, Hashable]] = {}
+    known: dict[Candidate, tuple[ScoredCandidate, FloatArray, tuple[tuple[int, ...], Hashable]]] = {}
     if earlier is not None:
         for scored, own, model in zip(earlier.scored, earlier.draws, earlier.models, strict=True):
-            if changed is not None and set(changed).isdisjoint(scored.joints):
-                known[scored.candidate] = scored, own, model if changed else state.key
-            elif model == state.key:
+            if changed and set(changed).isdisjoint(scored.joints):
                 known[scored.candidate] = scored, own, model
+            elif model == state.key or (changed is not None and not changed and model[0] == state.base):
+                known[scored.candidate] = scored, own, state.key
     stale = [candidate for candidate in candidates if candidate not in known]
     for rows in _group_by_rows(state, stale, None):
         scored_rows, contributions = _score_same_rows(rows, state, by_parameters=True)

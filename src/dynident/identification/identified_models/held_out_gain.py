@@ -41,8 +41,6 @@ data confirm what was added, and otherwise the model with fewer effects is bette
 
 # Blocks from which a spread can be told.
 _FEWEST = 4
-_ROUNDING = 1.0 + 1e-6
-"""Errors that differ by less are the same: what is added and removed again leaves so much."""
 
 ClaimedRows = FittedPhase
 """Rows that an effect claims to explain: those where joints move; for friction that remembers the path, reversals as
@@ -261,10 +259,10 @@ class BestStep:
     best : int
         Number of the best step, from the first model of the ladder on.
     rises : tuple of int
-        Steps above the best one whose held-out error is larger than the best one's.
+        Steps above the best one whose held-out error is larger, by more than nobody would notice.
     equal : tuple of int
-        Other steps whose held-out error is the same up to what nobody would notice: the best one is then the simplest,
-        or the one whose addition held-out data confirm elsewhere.
+        Other steps whose held-out error nobody would tell from the smallest one, as that of the best step: it is then
+        the earliest of them, or one that is preferred.
     """
 
     best: int
@@ -290,14 +288,11 @@ def find_best_of_errors(totals: Sequence[float], preferred: Sequence[bool]) -> B
     """
     if not totals:
         return None
-    best = 0
-    for k, total in enumerate(totals):
-        # What lowers the error by less than anybody would notice, and is not confirmed, is no better.
-        if total * SAME_ERROR < totals[best] or (k > 0 and preferred[k] and total <= SAME_ERROR * totals[best]):
-            best = k
-    rises = tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best])
-    low, high = totals[best] / SAME_ERROR, totals[best] * SAME_ERROR
-    return BestStep(best, rises, tuple(k for k, total in enumerate(totals) if k != best and low <= total <= high))
+    # All are compared with the smallest error: compared with each other, small differences would add up.
+    same = [k for k, total in enumerate(totals) if total <= SAME_ERROR * min(totals)]
+    best = max((k for k in same if preferred[k]), default=same[0])
+    rises = tuple(k for k in range(best + 1, len(totals)) if k not in same)
+    return BestStep(best, rises, tuple(k for k in same if k != best))
 
 
 def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,11 @@ _FELT, _LEFT = 1e-9, 0.1
 leave, where the held-out motion has more than noise, as at starts and stops."""
 
 
+_FELT_SHARE = 0.3
+"""Share of the largest torque by which friction differs that another one has to be named, a tenth of its square."""
+
 _MUCH_LESS = 0.5
-"""Share of what a rival leaves that a load may leave: no more than chance where both have about ten numbers."""
+"""Share of what a rival leaves that a load may leave to be clear: less is chance where both have about ten numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +67,14 @@ class OtherLoad:
         By how much it is heavier than in the fit, kg.
     change : (b,)
         By how much the base parameters differ.
+    is_clear : bool
+        Whether it explains much more than a rival, if there is one.
     """
 
     link: str
     mass: float
     change: FloatArray
+    is_clear: bool = True
 
     def __str__(self) -> str:
         """Return "2.4 kg more on joint7"."""
@@ -107,7 +113,7 @@ def find_other_load(identification: Identification, data: Reduction, rival: Sequ
     data : Reduction
         The joints' torques.
     rival : sequence of int
-        Columns of the data, behind the model's, of what may explain them as well: a load has to leave much less.
+        Columns of the data, behind the model's, of what may explain them as well.
     """
     if identification.model.robot.linkage is not None:
         return None
@@ -116,7 +122,7 @@ def find_other_load(identification: Identification, data: Reduction, rival: Sequ
         return load
     by_load = residual.residual - residual.rows[:, : len(load.change)] @ load.change
     by_rival = residual.solve(np.eye(residual.rows.shape[1])[:, list(rival)])[1]
-    return load if float(by_load @ by_load) < _MUCH_LESS * by_rival else None
+    return replace(load, is_clear=float(by_load @ by_load) < _MUCH_LESS * by_rival)
 
 
 def _compute_residual(identification: Identification, data: Reduction, n_more: int = 0) -> _HeldOutResidual:
@@ -164,21 +170,19 @@ def _describe_other_friction(identification: Identification, residual: _HeldOutR
         return ""
     changes = dict(zip(places, change, strict=True))
     names = {"dry": "Coulomb friction", "damping": "viscous friction"}
-    shares = {
-        role: {columns[k].link: float(100.0 * changes[k] / identification.values[k]) for k in own}
-        for role, own in roles.items()
-        if own
-    }
-    most = max(abs(share) for own in shares.values() for share in own.values())
-    few = {role: {joint: x for joint, x in own.items() if abs(x) >= _MUCH_LESS * most} for role, own in shares.items()}
-    if any(2 * len(own) > len(shares[role]) for role, own in few.items()):
-        texts = [f"{names[role]} by {np.median(list(own.values())):+.0f} %" for role, own in shares.items()]
-        words = f"{', '.join(texts)}, the median over the joints"
+    torques = dict(zip(places, np.linalg.norm(residual.rows[:, places] * change, axis=0), strict=True))
+    felt = {k: role for role, own in roles.items() for k in own if torques[k] >= _FELT_SHARE * max(torques.values())}
+    if 2 * len({columns[k].link for k in felt}) <= len({columns[k].link for k in places}):
+        # The drives of some joints alone, as after a repair. A share of what is hardly there would say nothing.
+        texts = [f"{names[felt[k]]} of {columns[k].link} by {changes[k]:+.2g} {columns[k].unit}" for k in felt]
+        words = ", ".join(texts)
     else:
-        # The drives of some joints alone, as after a pause or a repair.
-        words = ", ".join(
-            f"{names[role]} of {joint} by {x:+.0f} %" for role, own in few.items() for joint, x in own.items()
-        )
+        texts = [
+            f"{names[role]} by {100.0 * float(np.median([changes[k] / identification.values[k] for k in own])):+.0f} %"
+            for role, own in roles.items()
+            if own
+        ]
+        words = f"{', '.join(texts)}, the median over the joints"
     return (
         f"only friction differs in the validation recording ({words}), as if the drives were warmer or colder. Make "
         "both recordings at the same temperature, or record the fit from cold to warm: a fit over a few degrees holds "

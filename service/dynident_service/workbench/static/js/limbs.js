@@ -13,7 +13,7 @@ export function limbTree({ limbs }, onChoose, signal) {
   if (!limbs.length) return null;
   signal.addEventListener("abort", () => hiding.replaceSync(""));
   const choose = (chosen) => {
-    const others = limbs[0].joints.filter((joint) => !limbs[chosen].joints.includes(joint)).map((joint) => `[data-joint=${CSS.escape(joint)}]`);
+    const others = limbs[0].joints.filter((joint) => !limbs[chosen].joints.includes(joint)).map((joint) => `[data-joint="${CSS.escape(joint)}"]`);
     if (others.length) hiding.replaceSync(`:is(${others}), tr:has(> th > :is(${others})) { display: none !important }`);
     else hiding.replaceSync("");
     buttons.forEach((button, k) => button.setAttribute("aria-pressed", String(k === chosen)));

@@ -85,7 +85,7 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   lookedAtBefore(earlier, robot, stored, (found) => forms.append(fileCard({ found, role: role(found.proposed.name) }, hands)));
   return h("div", {},
     dropZone("Drop recordings here, or choose them:", { accept: FORMATS, multiple: true, id: "recordings" }, add),
-    h("p", { class: "note" }, `CSV, Parquet, NumPy, MATLAB, HDF5, ROS bags, MCAP: dynident guesses the columns and their units, and shows them before anything is stored. Joints: ${robot.limbs.length ? robot.limbs.slice(1).map((one) => one.title).join("; ") : robot.joints.map((one) => one.name).join(", ")}.`),
+    h("p", { class: "note" }, `CSV, Parquet, NumPy, MATLAB, HDF5, ROS bags, MCAP: dynident guesses the columns and their units, and shows them before anything is stored. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
     several,
     forms,
     earlier,
