@@ -337,7 +337,7 @@ class Standing(TypedDict, total=False):
     """Feet that stand, on level ground, while the other joints move: left_foot (sole from the collision geometry), a
     point in m, calf@0,0,-0.21, or a ball around it, calf@0,0,-0.21,0.02"""
     friction: float
-    """Coefficient of friction of standing feet (above 0 to 10)"""
+    """Coefficient of friction of standing feet (0.01 to 10)"""
     margin: float
     """Smallest distance of the centre of pressure from the edge of the support by standing feet, in m (0 to 10000)"""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
-from support.standing_robots import FEET, HOME, LEGS, SOLE, STANDER
+from support.standing_robots import BOX, FEET, HOME, LEGS, SOLE, STANDER
 
 import dynident as dy
 from dynident.errors import DynidentError
@@ -21,6 +22,7 @@ from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design
 from dynident.excitation.standing_feet import StandingBalance, build_standing_balance
 from dynident.motion import Margin, Standing, Surroundings
 from dynident.presentation.design_tables import describe_design
+from dynident.reports.figures.design import draw_design
 from dynident.robot import Description, Robot, robot_from_description
 
 FloatArray = NDArray[np.float64]
@@ -193,6 +195,49 @@ def test_points_are_as_good_as_a_sole() -> None:
     assert balance.measure(q, 0 * q, 0 * q).distance == pytest.approx(build_balance().measure(q, 0 * q, 0 * q).distance)
 
 
+def build_round_soles(folder: Path, corners: int) -> Robot:
+    """Return the robot with round soles of a mesh."""
+    angles = 2.0 * np.pi * np.arange(corners) / corners
+    rim = np.column_stack([0.04 + 0.1 * np.cos(angles), 0.05 * np.sin(angles), np.full(corners, -0.02)])
+    vertices = np.concatenate([rim, rim + np.array([0.0, 0.0, 0.02])])
+    faces = [(k, (k + 1) % corners, k + corners) for k in range(corners)]
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    (folder / f"sole{corners}.obj").write_text("\n".join(lines))
+    mesh = f'<collision><geometry><mesh filename="sole{corners}.obj"/></geometry></collision>'
+    return robot_from_description("stander", Description("urdf", STANDER.replace(BOX, mesh)))
+
+
+def test_a_finer_mesh_of_a_sole_costs_nothing_and_claims_no_more_support(tmp_path: Path) -> None:
+    q, still, counts, torques = np.array(HOME)[None], np.zeros((1, 5)), [], []
+    for corners in (32, 512):
+        balance = build_standing_balance(
+            build_round_soles(tmp_path, corners),
+            REQUEST.standing,
+            q[0],
+            np.full(5, 60.0),
+            Surroundings(mesh_folders=(str(tmp_path),)),
+        )
+        assert len(balance.ground.points) == 16
+        extremes = balance.measure(q, still, still)
+        counts.append(balance.count)
+        torques.append(extremes.torque)
+        # Inside of the true ellipse, by little of its half width of 0.05 m.
+        heel_to_toe = np.ptp(balance.ground.points, axis=0)
+        assert 0.92 * 0.2 < np.hypot(heel_to_toe[0], heel_to_toe[2]) <= 0.2 + 1e-9
+        assert 0.24 + 0.92 * 0.1 < heel_to_toe[1] <= 0.24 + 0.1 + 1e-9
+    assert counts[1] < 1.5 * counts[0]
+    np.testing.assert_allclose(torques[1], torques[0], rtol=0.01)
+
+
+def test_points_within_the_outline_of_a_foot_change_nothing() -> None:
+    inside = tuple(f"{foot}@{x},{y},-0.02" for foot in FEET for x in (0.0, 0.04, 0.1) for y in (-0.03, 0.0, 0.03))
+    points = tuple(f"{foot}@{','.join(map(str, point))}" for foot in FEET for point in SOLE)
+    few, many = build_balance(replace(REQUEST.standing, feet=points)), build_balance(Standing(points + inside))
+    assert many.count == few.count
+    q, rates = np.array(HOME)[None], np.ones((1, 5))
+    np.testing.assert_allclose(many.measure(q, rates, rates).torque, few.measure(q, rates, rates).torque)
+
+
 REFUSED: dict[str, tuple[DesignRequest, str, str]] = {
     "falls": (replace(REQUEST, home=(-0.35, 0.0, -0.35, 0.2, 0.0)), "/home", "the centre of pressure"),
     "not flat": (replace(REQUEST, home=(0.0, 0.0, 0.2, 0.0, 0.0)), "/home", "not on one plane"),
@@ -207,6 +252,9 @@ REFUSED: dict[str, tuple[DesignRequest, str, str]] = {
         "/standing/feet/1",
         "no collision geometry",
     ),
+    "a lift": (replace(REQUEST, standing=Standing(("left_foot", "right_foot^0.03"))), "/standing/feet/1", "not lifted"),
+    # The centre of pressure is 0.09858 m inside.
+    "hardly balances": (replace(REQUEST, standing=Standing(FEET, margin=0.098)), "/home", "at least 0.099 m inside"),
     "unreadable": (replace(REQUEST, standing=Standing(("left_foot@1",))), "/standing/feet/0", "cannot be read"),
     "a leg moves": (
         replace(REQUEST, trajectory=replace(REQUEST.trajectory, joints=("left_hip", "elbow"))),
@@ -228,6 +276,49 @@ def test_what_cannot_stand_is_refused_with_a_reason(case: str) -> None:
     with pytest.raises(DynidentError, match=reason) as refused:
         design_experiment(stander(), request)
     assert refused.value.pointer == pointer
+
+
+def test_no_foot_is_as_slippery_as_rounding() -> None:
+    with pytest.raises(DynidentError, match=r"0\.01 to 10") as refused:
+        Standing(FEET, friction=0.001)
+    assert refused.value.pointer == "/friction"
+    balance = build_balance(Standing(FEET, friction=0.01))
+    assert balance.find_least(np.array(HOME)[None])[0] > 0.001
+
+
+def test_only_the_torque_of_legs_that_stand_is_near_a_limit() -> None:
+    design = designed()
+    assert {margin.limit for margin in design.margins if margin.joint in ("left_hip", "right_hip")} == {"torque"}
+    assert {margin.limit for margin in design.margins if margin.joint == "elbow"} > {"position_min", "velocity"}
+    # Its figure then has no curves of these legs.
+    assert "<svg" in draw_design(design, stander())
+
+
+def test_no_note_asks_for_a_model_that_standing_gives_not() -> None:
+    assert any("Leave room in the torque limits" in note for note in designed().notes)
+    assert not any("identified model" in note for note in designed().notes)
+    assert any("identified model" in note for note in designed_while_held().notes)
+
+
+def test_a_recording_is_identified_with_the_legs_locked(tmp_path: Path) -> None:
+    motion = dy.design(stander(), REQUEST)
+    home = dict(zip(stander().joint_names, HOME, strict=True))
+    table = motion.simulate().to_frame()
+    file = tmp_path / "stander.urdf"
+    file.write_text(STANDER)
+    legs = {name: home[name] for name in ("left_hip", "right_hip")}
+    robot = dy.load_robot(file, gravity=motion.robot.gravity.tolist(), locked_joints=legs)
+    model = dy.identify(robot, dy.read_recordings(table, robot=robot))
+    true = model.true_params()
+    for name in ("MZ1", "MX2", "MX3"):
+        assert next(row.value for row in model.parameters if row.name == name) == pytest.approx(true[name], rel=0.02)
+
+
+def test_stated_gravity_moves_no_sole() -> None:
+    motion = dy.design(stander(), replace(REQUEST, kind="random", random_trajectories=2))
+    # Its gravity is inclined by 0.1 rad, by which heel and toe of a sole differ by 2 cm.
+    again = dy.design(motion.robot, motion.design.request)
+    np.testing.assert_allclose(again.design.q, motion.design.q, atol=1e-6)
 
 
 def test_a_floating_robot_is_held_by_its_feet() -> None:

@@ -30,7 +30,7 @@ from dynident.effects import Signals
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
 from dynident.expressions import Program
-from dynident.motion.collision.constraint_slack import METRES_OF_A_SHARE, BalanceExtremes, word_fall, word_slip
+from dynident.motion.collision.constraint_slack import METRES_OF_A_SHARE, BalanceExtremes, word_fall
 from dynident.motion.collision.obstacle_geometry import NOT_STANDING, Ground, fit_ground
 from dynident.motion.collision.surroundings import Standing, Surroundings, Wall
 from dynident.motion.collision_free_paths import check_home
@@ -143,12 +143,15 @@ class StandingBalance:
         return np.asarray(rows @ np.linalg.pinv(self.ground.forces_to_wrench))
 
     @cached_property
+    def _outline(self) -> scipy.spatial.ConvexHull:
+        return scipy.spatial.ConvexHull(self.ground.places)
+
+    @cached_property
     def _edges(self) -> FloatArray:
         """Rows (e, 6): f_z times the distance of the centre of pressure from an edge, of a wrench w."""
-        hull = scipy.spatial.ConvexHull(self.ground.places)
         # The normals of the hull point outwards: normal · x + offset ≤ 0 inside. The centre of pressure is
         # (-m_y, m_x) / f_z.
-        outward, offset = hull.equations[:, :2], hull.equations[:, 2]
+        outward, offset = self._outline.equations[:, :2], self._outline.equations[:, 2]
         rows = np.zeros((len(offset), 6))
         rows[:, 2], rows[:, 3], rows[:, 4] = -offset, -outward[:, 1], outward[:, 0]
         return np.asarray(np.unique(rows.round(12), axis=0) @ self.ground.transform)
@@ -164,7 +167,9 @@ class StandingBalance:
         angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
         slopes = self.standing.friction * np.column_stack([np.cos(angles), np.sin(angles)])
         forces = np.column_stack([slopes, np.ones(_SIDES)])
-        places = np.column_stack([self.ground.places / self._size, np.zeros(len(self.ground.places))])
+        # A force at a point within the outline is a sum of forces at the corners.
+        corners = self.ground.places[self._outline.vertices]
+        places = np.column_stack([corners / self._size, np.zeros(len(corners))])
         rays = np.array([np.concatenate([force, np.cross(place, force)]) for place in places for force in forces])
         # Facets of the hull of rays and apex that contain the apex are those of the cone.
         normals = scipy.spatial.ConvexHull(np.vstack([np.zeros(6), rays])).equations
@@ -236,17 +241,19 @@ class StandingBalance:
         )
 
     def find_complaint(self, q: FloatArray) -> str | None:
-        """Return what does not balance at rest along a path q (N, n), as the end of a sentence; None where all does."""
+        """Return what does not balance at rest along a path q (N, n), as the end of a sentence; None where all does.
+
+        As in the design, something has to be left to spare. At rest on level ground no friction is needed.
+        """
         still = np.zeros_like(q)
         extremes = self.measure(q, still, still)
-        if extremes.distance < self.standing.margin:
-            return word_fall(extremes.distance, self.standing.margin)
-        if extremes.friction > self.standing.friction:
-            return word_slip(extremes.friction, self.standing.friction)
+        if extremes.distance < self.standing.margin + _SPARE:
+            return word_fall(extremes.distance, self.standing.margin + _SPARE)
         for name, torque, limit in zip(self.held_names, extremes.torque, self.torque_limits, strict=True):
-            if torque > limit:
+            if torque > _SPARE_SHARE * limit:
                 return (
-                    f"joint '{name}' of a leg that stands would need {torque:.3g}, and its torque limit is {limit:.3g}."
+                    f"joint '{name}' of a leg that stands would need {torque:.3g}, and its torque limit is "
+                    f"{limit:.3g}, of which 1 % has to be to spare."
                 )
         return None
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from dynident.array_types import FloatArray
+from dynident.array_types import FloatArray, IntArray
 from dynident.errors import DynidentError, Note, Remedy, describe_missing_joint
 from dynident.motion.collision.surroundings import Box, Standing, Surroundings, ToolRange, Wall
 from dynident.number_format import format_percent
@@ -290,6 +290,8 @@ _NARROW = 0.01
 """Smallest width (m) of the support: less is a line, on which nothing balances."""
 _FLAT = 0.005
 """Largest distance (m) of a standing point from the plane of the ground: soles give way by some millimetres."""
+_CORNERS, _LINE = 8, 1e-6
+"""Most points of a sole that are kept, so that a fine mesh costs nothing; width (m) of points on a line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,9 +303,9 @@ class Ground:
     links : (p,)
         For each point that touches it, the joint of the tree that carries the point.
     points : (p, 3)
-        These points, m.
+        These points, m: at most the corners of each sole.
     centre : (3,)
-        Mean of the points, m.
+        Mean of all points that touch it, m.
     axes : (3, 3)
         Its axes as columns: two along the ground, the third upwards.
     """
@@ -336,7 +338,7 @@ def _cross_matrix(v: FloatArray) -> FloatArray:
 
 
 def fit_ground(robot: Robot, standing: Standing, home: FloatArray, mesh_folders: Sequence[Path] = ()) -> Ground:
-    """Return the ground under feet that stand: the plane through their points.
+    """Return the ground under feet that stand: the plane through their points, with the corners of each sole.
 
     Parameters
     ----------
@@ -359,7 +361,19 @@ def fit_ground(robot: Robot, standing: Standing, home: FloatArray, mesh_folders:
     for _ in range(2):
         ground = _fit_plane(_locate_feet(robot, standing, home, up, mesh_folders), standing, up)
         up = ground.axes[:, 2]
-    return ground
+    soles = [np.flatnonzero(np.array(ground.links) == link) for link in dict.fromkeys(ground.links)]
+    corners = np.concatenate([sole[_find_corners(ground.places[sole])] for sole in soles])
+    return replace(ground, links=tuple(ground.links[k] for k in corners), points=ground.points[corners])
+
+
+def _find_corners(places: FloatArray) -> IntArray:
+    """Return which of points (p, 2) of a sole are farthest in some direction, in units of its length and width.
+
+    No two edges of a rectangle are then less than 45° apart, so that each of its corners is one of these points.
+    """
+    angles = 2.0 * np.pi * (np.arange(_CORNERS) + 0.5) / _CORNERS
+    scaled = places / np.maximum(np.ptp(places, axis=0), _LINE)
+    return np.unique((scaled @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0))
 
 
 def _locate_feet(
@@ -370,6 +384,13 @@ def _locate_feet(
     for index, text in enumerate(standing.feet):
         pointer = f"{_FEET}/{index}"
         contact = parse_contact(text, pointer)
+        if contact.lift is not None:
+            raise DynidentError(
+                f"The foot {text} has a height behind a ^, but a foot that stands is not lifted; leave ^ and height "
+                "out, or let the foot not stand.",
+                pointer=pointer,
+                title=NOT_STANDING,
+            )
         link = find_contact_link(robot, contact, pointer)
         if contact.point is not None:
             feet.append((link, locate_contact(robot, contact, frames) - contact.radius * up))
@@ -383,7 +404,7 @@ def _locate_feet(
 def _find_sole(robot: Robot, contact: Contact, link: int, folders: Sequence[Path], pointer: str) -> FloatArray:
     """Return the points (p, 3) of a link's shapes, in its frame, that are lowest with all joints at zero.
 
-    Who describes a robot draws it at zero, where it stands.
+    Who describes a robot draws it at zero, where it stands with its base upright, whichever way gravity then points.
     """
     geometry = collision_geometry(robot, mesh_folders=folders)
     shapes = [shape for body in geometry.bodies if body.joint == link for shape in body.shapes]
@@ -394,7 +415,7 @@ def _find_sole(robot: Robot, contact: Contact, link: int, folders: Sequence[Path
             pointer=pointer,
             title="Unknown sole",
         )
-    up = joint_frames(robot, np.zeros((1, robot.n)))[0, link, :3, :3].T @ find_upwards(robot)
+    up = joint_frames(robot, np.zeros((1, robot.n)))[0, link, 2, :3]
     points = np.concatenate([_list_lowest_points(shape, up) for shape in shapes])
     heights = points @ up
     return np.asarray(points[heights <= heights.min() + _FLAT])

@@ -185,7 +185,7 @@ class Standing(Request):
         most=100,
     )
     friction: float = declare_field(
-        "Coefficient of friction of standing feet", default=0.5, above=0, at_most=10, option="--foot-friction"
+        "Coefficient of friction of standing feet", default=0.5, at_least=0.01, at_most=10, option="--foot-friction"
     )
     margin: float = declare_field(
         "Smallest distance of the centre of pressure from the edge of the support by standing feet",

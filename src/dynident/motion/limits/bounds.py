@@ -270,7 +270,8 @@ def build_bounds(
                 f"{1 + torque_margin:g}."
             )
         elif torque_note is None:
-            notes.append(_LEAVE_ROOM)
+            # The recordings of a robot that stands give no model of its legs, which an identified model has to have.
+            notes.append(_LEAVE_ROOM if balance is None else "Leave room in the torque limits for both.")
     low, high = (np.array([_require_position(limit)[end] for limit in completed]) for end in (0, 1))
     # Legs that stand have no range, so that the ground under them is no obstacle.
     ends = (low, high) if balance is None else balance.hold(low, high)

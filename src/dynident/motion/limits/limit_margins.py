@@ -214,11 +214,13 @@ def compute_margins(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFun
     known = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
     for name, value, bound in zip(names, largest, known, strict=True):
         columns.append((name, value, bound, _clip_share(value / bound, value <= bound)))
+    # The legs that stand do not move: only their torque comes near a limit.
+    held = () if bounds.balance is None else bounds.balance.held_names
     of_joints = tuple(
         Margin(name, limit, float(values[j]), float(bound[j]), float(shares[j]))
         for j, name in enumerate(bounds.names)
         for limit, values, bound, shares in columns
-        if np.isfinite(bound[j])
+        if np.isfinite(bound[j]) and name not in held
     )
     return of_joints + around.collect_margins()
 

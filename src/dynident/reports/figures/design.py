@@ -86,10 +86,10 @@ def draw_design(design: Design, robot: Robot) -> Markup:
 
 
 def _compute_limit_shares(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return q, q̇ and q̈ (N, n) as shares of the limits of the design: ±1 touches a limit."""
+    """Return q, q̇ and q̈ (N, n) as shares of the limits of the design: ±1 touches a limit; NaN of legs that stand."""
     bound = {(margin.joint, margin.limit): margin.bound for margin in design.margins}
     low, high, velocity, acceleration = (
-        np.array([bound[name, limit] for name in design.joint_names])
+        np.array([bound.get((name, limit), np.nan) for name in design.joint_names])
         for limit in ("position_min", "position_max", "velocity", "acceleration")
     )
     # Position limits need not be symmetric: the share is counted from the middle of the range.
