@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from dynident.errors import DynidentError, word_remedies
-from dynident.identification.column_inference import EffortKind, Inspection, Question
+from dynident.identification.column_inference import EffortKind, Inspection, Proposal, Question
 from dynident.recordings import RecordingMetadata
 from dynident.recordings.units import JOINT_KINDS
 from dynident_cli.contract_documents import parse_metadata
@@ -149,6 +149,56 @@ def _name_current(tau: str) -> str:
     return f"current{tau.removeprefix('tau')}"
 
 
+def _list_kinds(question: Question) -> set[str]:
+    """Return the kinds of signals that a question is about; efforts are torques or currents, which is one question."""
+    kind = _signal_kind(question.field.partition("/")[2])
+    return {"tau", "current"} if kind in ("", "tau", "current") else {kind}
+
+
+def _take_over_answers(proposal: Proposal, known: RecordingMetadata) -> Proposal | None:
+    """Return the proposal with the answers that the metadata of another file give to its questions.
+
+    None where it asks for none, where they have none, and where what the file itself shows contradicts them.
+    """
+    open_questions = [question for question in proposal.questions if question.is_about_meaning]
+    open_kinds = set[str]().union(*map(_list_kinds, open_questions))
+    without_columns = set[str]().union(
+        *(_list_kinds(each) for each in open_questions if each.field.startswith("columns"))
+    )
+    own_kinds, known_kinds = {*map(_signal_kind, proposal.columns)}, {*map(_signal_kind, known.columns)}
+    # Numbered columns of a file without names may be anything in another one.
+    is_named = not any(column.removeprefix("column").isdigit() for column in known.columns.values())
+    if (
+        not open_questions
+        or not is_named
+        or not all(_list_kinds(question) & known_kinds for question in open_questions)
+    ):
+        return None
+    known_columns = {_name_effort(ours): column for ours, column in known.columns.items()}
+    own_columns = _select_kinds(proposal.columns, own_kinds - without_columns)
+    if any(known_columns.get(_name_effort(ours), column) != column for ours, column in own_columns.items()):
+        return None
+    # A unit that is not stated is that of SI.
+    shared = (own_kinds & known_kinds) - open_kinds
+    if _select_kinds(proposal.units, shared) != _select_kinds(known.units, shared):
+        return None
+    return replace(
+        proposal,
+        columns=_select_kinds(proposal.columns, own_kinds - open_kinds) | _select_kinds(known.columns, open_kinds),
+        units=_select_kinds(proposal.units, own_kinds - open_kinds) | _select_kinds(known.units, open_kinds),
+        effort_kind=(known.effort_kind if "tau" in open_kinds else None) or proposal.effort_kind,
+        questions=tuple(question for question in proposal.questions if question not in open_questions),
+    )
+
+
+def _select_kinds(values: Mapping[str, str], kinds: set[str]) -> dict[str, str]:
+    return {ours: value for ours, value in values.items() if _signal_kind(ours) in kinds}
+
+
+def _name_effort(ours: str) -> str:
+    return _name_current(ours) if _signal_kind(ours) == "tau" else ours
+
+
 def accept_proposal(
     path: Path,
     inspection: Inspection,
@@ -160,19 +210,13 @@ def accept_proposal(
     """Accept proposed metadata as they are; an error where a question is open, as to accept would be a guess.
 
     `has_gains` says whether the robot states drive gains, or none are needed here; `answers` are options that answer
-    questions. A file that has the columns of one of the `accepted` is read like it where its own content leaves their
-    meaning open.
+    questions. What the content of a file leaves open is read as in one of the `accepted` with the same columns.
     """
     assert inspection.proposal is not None
     proposal = inspection.proposal
     stated_answers = answers or StatedAnswers()
-    alike = next((known for known in accepted if {*known.columns.values()} <= {*inspection.columns}), None)
-    others = tuple(question for question in proposal.questions if not question.is_about_meaning)
-    if alike is not None and len(others) < len(proposal.questions):
-        effort_kind = alike.effort_kind or proposal.effort_kind
-        proposal = replace(
-            proposal, columns=alike.columns, units=alike.units, effort_kind=effort_kind, questions=others
-        )
+    same = [known for known in accepted if {*known.columns.values()} <= {*inspection.columns}]
+    proposal = next(filter(None, (_take_over_answers(proposal, known) for known in same)), proposal)
     are_currents = stated_answers.are_currents
     open_questions = [
         question

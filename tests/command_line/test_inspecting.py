@@ -340,20 +340,67 @@ def test_an_option_answers_the_question_that_it_is_about(question, answers, answ
     assert answers.is_answered(question) is answered
 
 
+def accept_like(asked: Question, columns: dict[str, str], units: dict[str, str], names: dict[str, str]):
+    """Accept a file with a question beside one that is known: t, q1 and tau1, in deg; `names` are other names."""
+    known = RecordingMetadata(
+        columns={ours: names.get(column, column) for ours, column in READ.items()},
+        units={"q": "deg"},
+        effort_kind="joint_torque",
+    )
+    columns = {ours: names.get(column, column) for ours, column in columns.items()}
+    proposal = Proposal(columns, units, "unknown", (), (asked,))
+    none = np.zeros((0, 4))
+    inspection = Inspection(Path("b.csv"), "csv", (*known.columns.values(), "g"), none, none, 0, proposal)
+    return accept_proposal(Path("b.csv"), inspection, has_gains=True, accepted=[known])
+
+
+READ = {"t": "time", "q1": "a", "tau1": "f"}
+WHICH = ("joint_torque", "motor_current")
+
+
 @pytest.mark.parametrize(
-    ("columns", "check", "is_read"),
-    [(("time", "a", "f"), "", True), (("a", "f"), "", False), (("time", "a", "f"), "torque_scale", False)],
+    ("asked", "columns", "units", "read"),
+    [
+        (Question("effort_kind", "?", WHICH), READ, {"q": "deg"}, ({"q": "deg"}, "joint_torque")),
+        (
+            Question("effort_kind", "?", WHICH),
+            {"t": "time", "q1": "a", "current1": "f"},
+            {"q": "deg", "current": "mA"},
+            ({"q": "deg"}, "joint_torque"),
+        ),
+        (Question("units/q", "?", ("rad", "deg")), READ, {"q": "rad", "tau": "mN m"}, None),
+        (Question("units/q", "?", ("rad", "deg")), READ, {}, ({"q": "deg"}, "unknown")),
+        (
+            Question("columns/tau", "?", ("f", "g")),
+            {"t": "time", "q1": "a"},
+            {"q": "deg"},
+            ({"q": "deg"}, "joint_torque"),
+        ),
+    ],
 )
-def test_a_file_that_leaves_the_meaning_open_is_read_like_one_with_the_same_columns(columns, check, is_read):
-    ours = {"t": "time", "q1": "a", "tau1": "f"}
-    known = RecordingMetadata(columns=ours, units={"q": "deg"}, effort_kind="joint_torque")
-    questions = (Question("effort_kind", "Torques?", ("joint_torque",), check),)
-    proposal = Proposal(ours, {}, "unknown", (), questions)
-    none = np.zeros((0, len(columns)))
-    inspection = Inspection(Path("b.csv"), "csv", columns, none, none, 0, proposal)
-    with nullcontext() if is_read else pytest.raises(DynidentError, match="open"):
-        read = accept_proposal(Path("b.csv"), inspection, has_gains=True, accepted=[known])
-        assert (read.units, read.effort_kind) == ({"q": "deg"}, "joint_torque")
+def test_what_a_file_leaves_open_is_read_as_in_one_with_the_same_columns(asked, columns, units, read):
+    with pytest.raises(DynidentError, match="open") if read is None else nullcontext():
+        accepted = accept_like(asked, columns, units, {})
+        assert (accepted.columns, accepted.units, accepted.effort_kind) == (READ, *read)
+    # Names that a file without a header is given say nothing.
+    with pytest.raises(DynidentError, match="open"):
+        accept_like(asked, columns, units, {"a": "column2", "f": "column3"})
+
+
+@pytest.mark.parametrize(
+    ("asked", "columns"),
+    [
+        (Question("effort_kind", "?", WHICH, "torque_scale"), READ),
+        (Question("columns/t", "It runs backward.", ("time", "g")), READ),
+        (Question("units/t", "?", ("s", "ms")), READ),
+        (Question("columns", "It is refused."), READ),
+        (Question("effort_kind", "?", WHICH), {**READ, "q1": "f", "tau1": "a"}),
+        (Question("effort_kind", "?", WHICH), {**READ, "tau1": "g"}),
+    ],
+)
+def test_facts_of_one_file_and_what_contradicts_another_stay_open(asked, columns):
+    with pytest.raises(DynidentError, match="open"):
+        accept_like(asked, columns, {"q": "deg"}, {})
 
 
 def test_without_a_robot_the_columns_are_listed(foreign):

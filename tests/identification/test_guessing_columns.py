@@ -507,12 +507,41 @@ def test_noisy_accelerations_are_told_from_torques_at_any_rate() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "signal"),
-    [("qDot1", "dq"), ("dataDotQ_2", "dq"), ("theta_dot_1", "dq"), ("qDDot3", "ddq"), ("dDotQ1", "ddq"), ("q_1", "q")],
+    ("name", "signal", "commanded"),
+    [
+        ("qDot1", "dq", False),
+        ("dataDotQ_2", "dq", False),
+        ("theta_dot_1", "dq", False),
+        ("qDDot3", "ddq", False),
+        ("dDotQ1", "ddq", False),
+        ("q_1", "q", False),
+        ("q_dot_dot_1", "ddq", False),
+        ("q_d_dot_1", "dq", True),
+        ("qd_dot_1", "dq", False),
+        ("velocity_dot_1", "ddq", False),
+    ],
 )
-def test_dots_and_letters_d_say_how_often_a_position_is_derived(name: str, signal: str) -> None:
+def test_dots_and_letters_d_say_how_often_a_position_is_derived(name: str, signal: str, commanded: bool) -> None:
     column = read_name(name)
-    assert (column.signal, column.commanded) == (signal, False)
+    assert (column.signal, column.commanded) == (signal, commanded)
+
+
+@pytest.mark.parametrize("torque", ["t_{j}", "t_{j:02d}"])
+def test_counted_letters_t_beside_a_time_may_be_torques(torque: str) -> None:
+    s = signals()
+    found = propose(sample("time", {"q_{j:02d}": s["q"], torque: s["tau"]}), ROBOT)
+    assert {"t": "time", **wanted(torque, "tau")}.items() <= found.columns.items()
+
+
+def test_other_positions_without_efforts_do_not_hide_counted_joints() -> None:
+    s = signals()
+    still = np.zeros((len(s["t"]), 1))
+    others = np.random.default_rng(2).normal(size=s["q"].shape).cumsum(axis=0)
+    counted = [f"{signal}_{j}" for signal in ("q", "tau") for j in range(7)]
+    names = ("time", *counted, *(f"{word}_position" for word in ("head", "lift", "pelvis", "neck", "rack", "door")))
+    values = np.column_stack([s["t"], s["q"], still, s["tau"], still, others])
+    found = propose(Sample(names, values, {}), ROBOT)
+    assert {**wanted("q_{z}", "q"), **wanted("tau_{z}", "tau")}.items() <= found.columns.items()
 
 
 def test_counted_joints_of_a_hand_are_not_those_of_the_arm_beside_it() -> None:

@@ -1200,6 +1200,7 @@ EXTERNAL_AXES = [
     ("$AXIS_ACT.A{}", "$AXIS_ACT.E1", "$TORQUE_AXIS_ACT.A{}", "$TORQUE_AXIS_ACT.E1", 1),
     ("joint_pos_{}", "ext_axis_pos_1", "joint_torque_{}", "ext_axis_torque_1", 1),
     ("pos_j{}", "pos_rail", "torque_j{}", "torque_rail", 1),
+    ("pos_j{:02d}", "pos_rail", "torque_j{:02d}", "torque_rail", 1),
 ]  # fmt: skip
 """Names of positions and torques of joints, and of the axis that carries them; the first number."""
 

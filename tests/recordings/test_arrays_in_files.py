@@ -20,6 +20,7 @@ from scipy.io import savemat
 from dynident.identification.column_inference.file_inspection import read_sample
 from dynident.recordings import RecordingError, file_size_limits
 from dynident.recordings.formats import array_files, hdf5, open_source
+from dynident.recordings.formats.matlab import describe_object
 from dynident.recordings.formats.open_any_format import format_of
 
 scipy_io = pytest.importorskip("scipy.io")
@@ -476,6 +477,9 @@ def test_what_only_matlab_can_read_says_how_to_save_it(tmp_path):
         file["data"].attrs["MATLAB_object_decode"] = 3
     with pytest.raises(RecordingError, match=r"data is an object of MATLAB \(Simulink.SimulationData.Dataset\)"):
         open_source(tmp_path / "logged.mat", None)
+    assert "writetimetable(log, 'run.csv')" in describe_object("log", "timetable")
+    assert "t = seconds(t - t(1))" in describe_object("t", "datetime")
+    assert "double(t)" in describe_object("t", "string")
 
 
 def test_cells_that_are_rows_say_how_to_save_them(tmp_path):
@@ -485,3 +489,7 @@ def test_cells_that_are_rows_say_how_to_save_them(tmp_path):
     source = open_source(tmp_path / "rows.mat", None)
     assert source.names == ["t"]
     assert any("q is a cell array" in remark and "vertcat(q{:})" in remark for remark in source.remarks)
+    rows[:] = ["run"] * 200
+    savemat(tmp_path / "words.mat", {"state": rows, "t": np.arange(200) * 0.01})
+    # Words are no signal that could be saved in another way.
+    assert open_source(tmp_path / "words.mat", None).remarks == ()

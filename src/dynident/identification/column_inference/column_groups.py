@@ -344,7 +344,7 @@ def find_incomplete_groups(
     for stem, members in numbered.items():
         # Joints are counted from 0 or from 1; not beside more that are not counted.
         first = 0 if 0 in members else 1
-        if _count_other_positions(named) < len(members):
+        if _count_other_joints(named) < len(members):
             by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
     # Of numbers only most say that joints are meant, or that efforts have them, too; names say it for as few as two.
     groups = [(stem, named[next(iter(members.values()))], members) for stem, members in by_stem.items()]
@@ -447,12 +447,11 @@ def _group_by_number(
             used, of_locked = used | set(members.values()), of_locked | set(members.values())
             continue
         behind = [index for number, index in members.items() if number >= first + n]
-        # As many as joints, or more of which none behind the joints ever has a torque: places of joints it does not
-        # have.
+        # As many as joints, or more of which none behind them ever has a torque: places of joints it does not have.
         moves = behind and (alive is None or alive[behind].any())
-        # More than the joints, beside as many positions that are not counted, are of another device, such as a hand.
+        # More than the joints, beside as many other joints that are not counted, are of another device, such as a hand.
         is_other = first > 1 or (moves and not idle >= set(range(first + n, last + 1)))
-        if behind and (is_other or _count_other_positions(named) >= n):
+        if behind and (is_other or _count_other_joints(named) >= n):
             continue
         by_stem[stem] = {number - first: index for number, index in members.items() if number < first + n}
         reasons[stem] = f"the joints are counted from {first} in the names"
@@ -463,8 +462,10 @@ def _group_by_number(
     return by_stem | pendant, reasons | why, of_locked
 
 
-def _count_other_positions(named: Sequence[ColumnName]) -> int:
-    return sum(column.signal == "q" and not column.numbers for column in named)
+def _count_other_joints(named: Sequence[ColumnName]) -> int:
+    """Return how many joints have a position and an effort by names that do not count them."""
+    signals = [column.signal for column in named if not column.numbers]
+    return min(signals.count("q"), sum(signal in _EFFORTS for signal in signals))
 
 
 def _list_counted_columns(named: Sequence[ColumnName], used: set[int], n: int, clocks: Collection[int]) -> _Stems:

@@ -131,6 +131,7 @@ _UNSPACED = re.compile(
     "|".join(sorted(word for word in {*chain(*_WORDS.values()), *_COMMANDED, *_MEASURED} if word > "\u3000"))
 )
 """Words of languages that put no spaces between them."""
+_SECOND_DOT = re.compile("(?:(?<![A-Za-z])d|D)Dot")  # dDotQ, qDDot
 _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]|[^\W\d_A-Za-zäöüßµμ°]+")
 
 
@@ -237,7 +238,7 @@ def read_names(
     others = {column.name for column in (*find_waves(columns), *_find_pose(columns, spellings))}
     # One time is enough: beside it t1, t2, … are counted as joints are, and may be torques.
     is_timed = any(column.signal == "t" and not column.numbers for column in columns)
-    counted = {c.name for c in columns if is_timed and c.numbers and {*c.words} - {*map(str, c.numbers)} == {"t"}}
+    counted = {c.name for c in columns if is_timed and c.numbers and {w for w in c.words if not w.isdigit()} == {"t"}}
     return [
         replace(column, signal="other" if column.name in others else None)
         if column.name in others or column.name in counted
@@ -292,8 +293,8 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
         stated = _UNITS[_normalise_unit(ending.group(1))]
         text = text[: ending.start()] + (behind if ending.end() < len(text) else "")
     # Capitals separate words, as in jointPosition, so they are lowered only after the split.
-    parts = " ".join(_PART.findall(_UNSPACED.sub(r" \g<0> ", text))).casefold()
-    words = tuple(re.sub(r"\bd dot\b", "ddot", parts).split())
+    parts = _PART.findall(_UNSPACED.sub(r" \g<0> ", _SECOND_DOT.sub(" ddot ", text)))
+    words = tuple(word.casefold() for word in parts)
     places = [(len(spelling), place) for spelling in spellings if (place := find_phrase(words, spelling)) is not None]
     length, place = max(places, default=(0, 0))
     # The last letter of a joint's name is no unit: axis_a is not in amperes. A unit may stand before it: trq_pct_B.
@@ -420,9 +421,9 @@ def _classify_signal(plain: list[str]) -> Signal | None:
             if kind is None or len(word) > 1:
                 kind = signal
     if kind in (rates := _SLIDING[:3]):
-        # Derived as often as dots or letters d say: qDot, theta_ddot, ddQ.
+        # Derived as often as dots or letters d say: qDot, theta_ddot, ddQ. The d of qd_dot may stand for desired.
         letters = re.match(r"(d{1,2})(?:q|theta)", "".join(plain))
-        order = sum(map(("", "dot", "ddot").index, {"dot", "ddot"} & set(plain)))
+        order = plain.count("dot") + 2 * plain.count("ddot") - ("qd" in plain and "dot" in plain)
         return rates[min(max(rates.index(kind), len(letters[1]) if letters else 0) + order, 2)]
     if kind is None and "index" in plain:
         return "other"
@@ -450,14 +451,8 @@ def count_external_axis(named: Sequence[ColumnName], kinds: Sequence[str]) -> li
     signals: dict[frozenset[str], list[int]] = {}
     for index, column in enumerate(named):
         if len(column.numbers) == 1 or _EXTERNAL_AXIS & set(column.words):
-            core = (
-                frozenset(column.words)
-                - _EXTERNAL_AXIS
-                - _MEASURED
-                - _JOINT
-                - {"joints", "axes"}
-                - set(map(str, column.numbers))
-            )
+            words = frozenset(word for word in column.words if not word.isdigit())
+            core = words - _EXTERNAL_AXIS - _MEASURED - _JOINT - {"joints", "axes"}
             signals.setdefault(core, []).append(index)
     for members in signals.values():
         axes = [index for index in members if _EXTERNAL_AXIS & set(named[index].words)]
@@ -467,11 +462,11 @@ def count_external_axis(named: Sequence[ColumnName], kinds: Sequence[str]) -> li
         if len(axes) != 1 or numbers not in counts:
             continue
         peer = named[others[0]]
-        place = peer.words.index(str(peer.numbers[0]))
+        place = list(map(str.isdigit, peer.words)).index(True)
         for number, index in enumerate([*others[:joint], axes[0], *others[joint:]]):
-            words = (*peer.words[:place], str(number), *peer.words[place + 1 :])
+            counted = (*peer.words[:place], str(number), *peer.words[place + 1 :])
             columns[index] = replace(
-                peer, name=named[index].name, unit=named[index].unit, words=words, numbers=(number,)
+                peer, name=named[index].name, unit=named[index].unit, words=counted, numbers=(number,)
             )
     return columns
 

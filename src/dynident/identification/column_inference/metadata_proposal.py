@@ -11,6 +11,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import ColumnName, find_waves
 from dynident.recordings.recording_metadata import COMMANDED, Check, EffortKind
+from dynident.recordings.units import JOINT_KINDS
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,12 @@ class Question:
 
     @property
     def is_about_meaning(self) -> bool:
-        """Whether it asks how columns are to be read: files of one logger have one answer."""
-        return not self.check and self.field.partition("/")[0] in ("columns", "units", "effort_kind")
+        """Whether it asks how columns of joints are to be read: files of one logger have one answer.
+
+        What no choice answers, such as a refusal, is a fact of the one file, and so is what its clock did.
+        """
+        kind = self.field.removeprefix("columns/").removeprefix("units/").rstrip("0123456789")
+        return bool(self.choices) and not self.check and kind in ("effort_kind", *JOINT_KINDS)
 
     @classmethod
     def from_check(cls, field: str, check: Check) -> Question:

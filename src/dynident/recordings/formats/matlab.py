@@ -120,8 +120,18 @@ def describe_object(name: str, kind: str) -> str:
     kind : str
         Its class, such as "table".
     """
-    way = f"writetable({name}, 'run.csv')" if "table" in kind else "save('run.mat', 't', 'q', 'tau')"
+    way = _WAYS.get(kind, "save('run.mat', 't', 'q', 'tau')").format(name)
     return f"{name} is an object of MATLAB ({kind}): save its numbers as matrices or text in MATLAB, {way}."
+
+
+_WAYS = {
+    "table": "writetable({0}, 'run.csv')",
+    "timetable": "writetimetable({0}, 'run.csv')",
+    "string": "{0} = double({0}) if it holds numbers",
+    "datetime": "{0} = seconds({0} - {0}(1))",
+    "duration": "{0} = seconds({0})",
+}
+"""What MATLAB makes numbers, or text, of an object with, by its class."""
 
 
 def is_version_4(start: bytes) -> bool:
@@ -298,8 +308,9 @@ class _MatrixReader:
     def _read_cells(self, name: str, at: int, count: int, end: int, depth: int) -> Iterator[StoredArray]:
         """Yield the arrays in cells, q{1} and so on, numbered in their order."""
         if not 0 <= count <= _MOST_CELLS:
-            # Many cells are rows or texts, not joints.
-            self._unread[name] = describe_rows(name, "a cell array", f"{name}{{:}}")
+            # Many cells are rows or words, not joints; words are no signal.
+            if self._read_class(self.read_element(at)) != _TEXT:
+                self._unread[name] = describe_rows(name, "a cell array", f"{name}{{:}}")
             return
         for number in range(1, count + 1):
             if at >= end:
@@ -336,13 +347,10 @@ class _MatrixReader:
 
     def _read_text(self, element: _Element) -> str:
         """Return the text of a matrix of characters; "" where it is none, or a long one."""
-        if element.code != _MATRIX or not 0 < element.size <= _LONGEST_LABEL:
+        if not 0 < element.size <= _LONGEST_LABEL or self._read_class(element) != _TEXT:
             return ""
-        flags = self.read_element(element.start)
-        (flag,) = self._read_numbers(flags.start, "u4", 1)
-        if flag & 0xFF != _TEXT:
-            return ""
-        name = self.read_element(self.read_element(flags.following).following)
+        shape = self.read_element(self.read_element(element.start).following)
+        name = self.read_element(shape.following)
         letters = self.read_element(name.following)
         data = self._read_bytes(letters.start, letters.size)
         return (
@@ -352,6 +360,12 @@ class _MatrixReader:
             .replace("\0", "")
             .strip()
         )
+
+    def _read_class(self, element: _Element) -> int:
+        """Return the class of a matrix; 0 of an empty one, and where the element is none."""
+        if element.code != _MATRIX or not element.size:
+            return 0
+        return self._read_numbers(self.read_element(element.start).start, "u4", 1)[0] & 0xFF
 
     def _read_numbers(self, at: int, kind: str, count: int) -> tuple[int, ...]:
         kinds = np.dtype(self._order + kind)
