@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -133,6 +134,19 @@ def test_what_is_no_push_is_described_and_left_out(disturb, cause, seed):
     assert cause in sentence
     first, last = (float(word) for word in sentence.removeprefix("From ").split(" s of ")[0].split(" to "))
     assert (first, last) == (pytest.approx(start, abs=0.5), pytest.approx(end, abs=0.5))
+
+
+def test_a_position_that_jumps_is_no_drive_that_is_off():
+    robot = arm("ur10")
+    motion = fourier_motion(robot, DURATION, RATE, 0)
+    effort = np.array([joint.limits.effort for joint in robot.joints])
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq) + 0.03 * effort * np.sign(motion.dq)
+    tau += 0.002 * effort * np.random.default_rng(0).normal(size=tau.shape)
+    q = motion.q.copy()
+    q[motion.t > 12.0, 2] += 0.12
+    recording = record(robot, replace(motion, q=q), tau, "run")
+    model = identify(robot, [recording], [], IdentificationChoices(WITH_OFFSET))
+    assert "drives were off" not in diagnose(model, [recording]).summary
 
 
 @pytest.mark.parametrize(("disturb", "more"), [(weighted_down, "more"), (put_down, "less")])

@@ -37,7 +37,7 @@ PUSH = next(effect.id for effect in CATALOGUE.values() if effect.is_transient)
 """The effect that acts for a while."""
 
 _SILENT = 0.1
-"""Share of the predicted torque's changes below which that of a drive hardly changes: its brake holds, or it is off."""
+"""Share of its changes, predicted and usual, below which the torque of a drive hardly changes: it is off, or braked."""
 
 _DELAYS = np.concatenate([np.arange(-0.3, 0.0, 0.01), np.arange(0.01, 0.301, 0.01)])
 """s; clocks that jump do so by a buffer or a few, of 10 ms and more. What is less passes as a push or stays unnamed."""
@@ -271,7 +271,11 @@ def _find_cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> s
     # At both ends the filter mixes in what was before and after.
     middle = slice(len(measured) // 4, max(len(measured) - len(measured) // 4, 1))
     # Judged by changes: a brake may hold any constant torque.
-    silent = measured[middle].std(axis=0) < _SILENT * predicted[middle].std(axis=0)
+    k = max(len(measured[middle]), 1)
+    elsewhere = comparison.measured[: len(comparison.measured) // k * k].reshape(-1, k, measured.shape[1])
+    # Where a position jumps, the prediction changes far more than any torque does in so short a time.
+    usual_changes = np.minimum(predicted[middle].std(axis=0), np.median(elsewhere.std(axis=1), axis=0))
+    silent = measured[middle].std(axis=0) < _SILENT * usual_changes
     off = [name for name, is_off in zip(comparison.joint_names, silent, strict=True) if is_off]
     if off:
         return f"the torque of {', '.join(off)} hardly changes: the drives were off, or the brakes were engaged"
