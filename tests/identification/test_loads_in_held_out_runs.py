@@ -93,7 +93,9 @@ def test_a_load_in_held_out_runs_alone_is_refused_with_the_runs_to_name():
     assert refused.value.pointer == "/effects/0/runs"
 
 
-@pytest.mark.parametrize(("fitted", "carried", "words"), [(0.0, 1.0, "of 4 kg more"), (1.0, 0.0, "of 4 kg less")])
+@pytest.mark.parametrize(
+    ("fitted", "carried", "words"), [(0.0, 1.0, "load: 4 kg more on "), (1.0, 0.0, "load: 4 kg less on ")]
+)
 def test_another_load_in_the_held_out_run_is_told_with_its_mass(fitted: float, carried: float, words: str) -> None:
     found = identify(arm("ur10"), [run("a", 1, fitted)], [run("b", 2, carried)], CHOICES)
     (warning,) = [one for one in found.warnings if "on validation data" in one]

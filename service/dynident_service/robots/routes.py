@@ -12,7 +12,6 @@ from fastapi import APIRouter, File, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 
 from dynident.robot.description_formats import BASE_JOINTS
-from dynident.robot.joint import list_limbs
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import make_unusable
@@ -73,6 +72,9 @@ def show_robot(resource: Resource) -> RobotView:
     hardware = {part: resource.request.get(part, []) for part in ("has", "has_not")}
     result = resource.result or {}
     antecedents = {joint["name"]: joint["antecedent"] for joint in result.get("joints", ())}
+    with hold_import_lock():
+        from dynident.robot.joint import list_limbs
+
     limbs = list_limbs(antecedents, len(BASE_JOINTS[result.get("base", "fixed")]))
     shown = {**vars(resource), **result, **hardware, "meshes": list_meshes(resource), "limbs": list(map(vars, limbs))}
     return RobotView.model_validate(shown)
