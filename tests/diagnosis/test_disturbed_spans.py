@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +12,7 @@ import pytest
 from support.hidden_effects import WITH_OFFSET
 from support.oracles import FloatArray, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.diagnosis import Diagnosis, diagnose
+from dynident.diagnosis import Diagnosis, diagnose, disturbances
 from dynident.estimation import FactorAccumulator, find_outlying_spans, outlying_spans
 from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.recordings import Recording
@@ -134,6 +135,17 @@ def test_what_is_no_push_is_described_and_left_out(disturb, cause, seed):
     assert cause in sentence
     first, last = (float(word) for word in sentence.removeprefix("From ").split(" s of ")[0].split(" to "))
     assert (first, last) == (pytest.approx(start, abs=0.5), pytest.approx(end, abs=0.5))
+
+
+def test_a_brake_is_told_where_the_robot_mostly_stands():
+    rng = np.random.default_rng(2)
+    predicted = np.concatenate([np.full((3000, 1), 5.0), 20.0 * np.sin(np.arange(1000) / 60.0)[:, None]])
+    measured = predicted + 0.02 * rng.normal(size=predicted.shape)
+    rows = np.arange(4000) >= 3600
+    measured[rows] = 0.02 * rng.normal(size=(400, 1))
+    comparison = SimpleNamespace(measured=measured, predicted=predicted, joint_names=("elbow",))
+    cause = disturbances._find_cause(comparison, rows, np.ones(1))
+    assert cause == "the torque of elbow hardly changes: the drives were off, or the brakes were engaged"
 
 
 def test_a_position_that_jumps_is_no_drive_that_is_off():

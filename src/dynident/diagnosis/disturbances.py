@@ -273,8 +273,9 @@ def _find_cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> s
     # Judged by changes: a brake may hold any constant torque.
     k = max(len(measured[middle]), 1)
     elsewhere = comparison.measured[: len(comparison.measured) // k * k].reshape(-1, k, measured.shape[1])
-    # Where a position jumps, the prediction changes far more than any torque does in so short a time.
-    usual_changes = np.minimum(predicted[middle].std(axis=0), np.median(elsewhere.std(axis=1), axis=0))
+    # Where a position jumps, the prediction changes far more than any torque does in so short a time. The mean, as most
+    # of a motion from point to point may be standstill.
+    usual_changes = np.minimum(predicted[middle].std(axis=0), elsewhere.std(axis=1).mean(axis=0))
     silent = measured[middle].std(axis=0) < _SILENT * usual_changes
     off = [name for name, is_off in zip(comparison.joint_names, silent, strict=True) if is_off]
     if off:
