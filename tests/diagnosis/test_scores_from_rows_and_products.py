@@ -259,3 +259,19 @@ def test_rows_are_multiplied_once_for_all_scores_of_the_same_rows(monkeypatch):
     assert len(added) == 2 * JOINTS
     monkeypatch.setattr(RowStack, "sum_products", None)
     data.sum_products(0, np.arange(3), np.arange(3))
+
+
+def test_candidates_are_multiplied_with_the_model_and_their_own_columns_alone(monkeypatch):
+    data, rows, pairs = gathered(1000), [], []
+    add_sums, take_products = RowStack.add_sums, RowStack.take_products
+    monkeypatch.setattr(RowStack, "add_sums", lambda *asked: rows.append(len(asked[2])) or add_sums(*asked))
+    monkeypatch.setattr(RowStack, "take_products", lambda *asked: pairs.append(len(asked[1])) or take_products(*asked))
+    own = np.array(CANDIDATES[-1].columns)
+    for _ in range(2):
+        score_candidates(data, BASE, CANDIDATES, NOISE, "interleaved")
+        found = data.sum_own_products(0, own)
+    # Once for the two kinds of rows: the columns of the model that each joint has, and Y.
+    assert sorted(rows) == [4, 4, 5, 5, 5, 5]
+    # One, three and six pairs of columns, of which one is the same; of the second joint two columns by themselves.
+    assert sum(pairs) == 2 * (9 + 2 + 9)
+    np.testing.assert_allclose(found, gathered(1).sum_products(0, own, own))

@@ -252,20 +252,18 @@ def place_finding(finding: Finding, choice: EffectChoice, pool: Pool, model: Mod
 
 def _list_remaining(pool: Pool, findings: Sequence[Finding]) -> list[Candidate]:
     """List the candidates that are still to be tried beside these findings."""
-    candidates, known = pool.initial_candidates, set[str]()
+    candidates, known = dict.fromkeys(pool.initial_candidates), set[str]()
     for finding in findings:
         chosen = finding.judged.candidate
         reached = {pool.observation.robot.joint_names[j] for j in finding.judged.joints}
         # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
         known.update(chosen.joints if is_of_position(finding) else ())
-        candidates += [
-            other
-            for other in pool.candidates
-            if other in pool.faint and set(other.joints) <= reached - known and other not in candidates
-        ]
+        candidates |= dict.fromkeys(
+            other for other in pool.candidates if other in pool.faint and set(other.joints) <= reached - known
+        )
         # What the finding says is no candidate on its joints any more.
-        candidates = [other for other in candidates if not _is_superseded(other, chosen, reached)]
-    return candidates
+        candidates = {other: None for other in candidates if not _is_superseded(other, chosen, reached)}
+    return list(candidates)
 
 
 def _is_superseded(candidate: Candidate, chosen: Candidate, reached: set[str]) -> bool:
