@@ -269,9 +269,9 @@ def test_candidates_are_multiplied_with_the_model_and_their_own_columns_alone(mo
     own = np.array(CANDIDATES[-1].columns)
     for _ in range(2):
         score_candidates(data, BASE, CANDIDATES, NOISE, "interleaved")
-        found = data.sum_own_products(0, own)
+        squares = data.sum_own_products(0, own)
     # Once for the two kinds of rows: the columns of the model that each joint has, and Y.
     assert sorted(rows) == [4, 4, 5, 5, 5, 5]
     # One, three and six pairs of columns, of which one is the same; of the second joint two columns by themselves.
     assert sum(pairs) == 2 * (9 + 2 + 9)
-    np.testing.assert_allclose(found, gathered(1).sum_products(0, own, own))
+    np.testing.assert_allclose(squares, gathered(1).sum_products(0, own, own))

@@ -18,8 +18,6 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import (
     BlockSets,
     Products,
     RowRuns,
-    find_present,
-    locate_columns,
 )
 
 
@@ -441,3 +439,25 @@ class JointBlock(Protocol):
 
     def sum_sets(self, sets: BlockSets) -> JointSums:
         """Return the sums over sets of blocks."""
+
+
+def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Return where columns stand among those that a joint has.
+
+    Returns
+    -------
+    tuple of (c,), (x,)
+        Number of each column among the x that the joint has, x where it lacks it; and the places of these x.
+    """
+    have, places = find_present(where, columns)
+    place = np.full(len(columns), len(have), dtype=np.intp)
+    place[have] = np.arange(len(have))
+    return place, places
+
+
+def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Return which of `columns` (c,) a joint has, and where in its products they stand."""
+    # An empty list of columns makes an array of floats, which is no index.
+    places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
+    have = np.flatnonzero(places >= 0)
+    return have, places[have]

@@ -1,6 +1,6 @@
 """Inner products of columns and Y by block of time, and the folds of these blocks over which candidates are scored.
 
-Holds the number of folds (5, and 10 parts), and when whole runs can be left out.
+Holds the number of folds (5, and 10 parts).
 """
 
 from __future__ import annotations
@@ -22,8 +22,6 @@ KINDS = ("interleaved", "contiguous")
 # Numbers of folds: a model is fitted once a fold, and loses that share of the data.
 N_FOLDS = 5
 N_PARTS = 10
-# Share of a column's squares in one fold from which on the others do not determine its parameter.
-NEARLY_ALL = 0.9
 MOST_PRODUCTS = 2**26
 """Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers, and in four bytes
 each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
@@ -214,13 +212,13 @@ class RowStack:
 
         Those with all columns are kept; candidates, of which there are many more, are never asked for with each other.
         """
-        kept = self._kept_rows
-        missing = rows[kept.place[rows] < 0]
+        known = self._kept_rows
+        missing = rows[known.place[rows] < 0]
         if len(missing):
             sums = np.zeros((len(sets.members), len(missing), len(self.columns)))
             self.add_sums(sets, missing, slice(None), sums)
-            kept = self._kept_rows = kept.append(missing, sums)
-        return kept.take(rows[:, None], columns)
+            known = self._kept_rows = known.append(missing, sums)
+        return known.take(rows[:, None], columns)
 
     def take_pair_sums(self, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (sets, l) of pairs (l,) of columns; they are kept."""
@@ -228,16 +226,16 @@ class RowStack:
             return self._kept_rows.take(rows, columns)
         keys, sums = self._kept_pairs
         # A product is the same in both orders.
-        wanted = np.minimum(rows, columns) * len(self.columns) + np.maximum(rows, columns)
-        places = np.searchsorted(keys, wanted)
-        is_missing = np.append(keys, -1)[places] != wanted
+        numbers = np.minimum(rows, columns) * len(self.columns) + np.maximum(rows, columns)
+        places = np.searchsorted(keys, numbers)
+        is_missing = np.append(keys, -1)[places] != numbers
         if is_missing.any():
-            new = np.unique(wanted[is_missing])
+            new = np.unique(numbers[is_missing])
             products = self.take_products(*np.divmod(new, len(self.columns)))
             own = np.tensordot(sets.members[:, sets.cells], products, 1)
             keys, order = np.unique(np.concatenate([keys, new]), return_index=True)
             sums = np.concatenate([sums.reshape(len(own), -1), own], axis=1)[:, order]
-            self._kept_pairs, places = (keys, sums), np.searchsorted(keys, wanted)
+            self._kept_pairs, places = (keys, sums), np.searchsorted(keys, numbers)
         return sums.take(places, axis=1)
 
     def sum_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
@@ -358,12 +356,12 @@ class Products:
             return np.asarray(self._take_pair_sums(joint, *pairs)[0].reshape(len(columns), -1))
         return self._sum_stacks(joint, columns, columns)
 
-    def _keeps_all_sums(self, joint: int) -> bool:
-        return self._has_few_sums and len(self.list_row_stacks(joint)) == len(self.stacks[joint])
-
     def _sum_stacks(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         first, *others = (stack.sum_products(rows, columns) for stack in self.stacks[joint])
         return sum(others, first)
+
+    def _keeps_all_sums(self, joint: int) -> bool:
+        return self._has_few_sums and len(self.list_row_stacks(joint)) == len(self.stacks[joint])
 
     def find_cached(self, key: Hashable, build: Callable[[], T]) -> T:
         """Return what was built from these products under this key, or build it."""
@@ -413,7 +411,7 @@ class Products:
 
     @cached_property
     def _has_few_sums(self) -> bool:
-        """Whether the sums of all columns are few numbers, of all kinds of rows: where joints are few."""
+        """Whether the sums would be few numbers even of all columns, and of all kinds of rows: where joints are few."""
         squares = sum((int((where >= 0).sum()) + 1) ** 2 for where in self.position)
         return _ROW_KINDS * len(self.sets.members) * squares <= MOST_PRODUCTS
 
@@ -486,48 +484,5 @@ def order_by_folds(folds: IndexArray) -> IndexArray:
     return np.lexsort(folds[::-1])
 
 
-def can_leave_out_runs(data: Products, base: IndexArray) -> bool:
-    """Return whether there are several runs, and the columns of a model are known without any one of them."""
-    runs = split_data_folds(data, "runs")
-    return len(runs) > 1 and not any(_holds_nearly_all(data, base, run) for run in runs)
-
-
 def _split_tenths(blocks: IndexArray) -> list[IndexArray]:
     return [part for part in np.array_split(blocks, min(N_PARTS, len(blocks))) if len(part)]
-
-
-def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
-    """Return whether a fold holds a whole run and with it nearly all that some column of the model shows."""
-    # Only a fold that holds all blocks of a run can take what a column shows out of the data.
-    outside = np.delete(data.run, part)
-    if not set(data.run[part]) - set(outside):
-        return False
-    inside, whole = np.zeros(len(base)), np.zeros(len(base))
-    for joint, where in enumerate(data.position):
-        have, places = find_present(where, base)
-        squares = data.take_products(joint, places, places)
-        inside[have] += squares[part].sum(axis=0)
-        whole[have] += squares.sum(axis=0)
-    return bool((inside > NEARLY_ALL * whole).any())
-
-
-def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return where columns stand among those that a joint has.
-
-    Returns
-    -------
-    tuple of (c,), (x,)
-        Number of each column among the x that the joint has, x where it lacks it; and the places of these x.
-    """
-    have, places = find_present(where, columns)
-    place = np.full(len(columns), len(have), dtype=np.intp)
-    place[have] = np.arange(len(have))
-    return place, places
-
-
-def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return which of `columns` (c,) a joint has, and where in its products they stand."""
-    # An empty list of columns makes an array of floats, which is no index.
-    places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
-    have = np.flatnonzero(places >= 0)
-    return have, places[have]

@@ -16,8 +16,9 @@ from scipy.linalg import lapack
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_deviations
+from dynident.diagnosis.candidates.products_of_scored_pairs import find_present
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.search_state import State
