@@ -20,7 +20,7 @@ from dynident.diagnosis.candidates.held_out_scores import (
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
 from dynident.diagnosis.candidates.products_of_scored_pairs import RowErrors
-from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products, ProductStack, RowStack
+from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products, ProductStack, RowRuns, RowStack
 from dynident.estimation import PriorInformation
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
@@ -259,6 +259,21 @@ def test_rows_are_multiplied_once_for_all_scores_of_the_same_rows(monkeypatch):
     assert len(added) == 2 * JOINTS
     monkeypatch.setattr(RowStack, "sum_products", None)
     data.sum_products(0, np.arange(3), np.arange(3))
+
+
+def test_products_of_many_pairs_take_little_memory(monkeypatch):
+    random, row_block = np.random.default_rng(5), np.repeat(np.arange(STRETCHES), 50)
+    stack = RowStack(random.normal(size=(len(row_block), 30)), row_block, STRETCHES)
+    places, sizes = np.arange(30), []
+    sum_by_block = RowRuns.sum_by_block
+    monkeypatch.setattr(time_blocks_and_folds, "_MOST_VALUES", 4000)
+    monkeypatch.setattr(
+        RowRuns, "sum_by_block", lambda runs, values: sizes.append(values.size) or sum_by_block(runs, values)
+    )
+    products = stack.take_products(places[:, None], places)
+    assert max(sizes) <= 4000
+    own = stack.columns.T.reshape(STRETCHES, 50, 30)
+    np.testing.assert_allclose(products, own.transpose(0, 2, 1) @ own, atol=1e-12)
 
 
 def test_candidates_are_multiplied_with_the_model_and_their_own_columns_alone(monkeypatch):

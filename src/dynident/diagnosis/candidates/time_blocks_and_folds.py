@@ -27,6 +27,8 @@ MOST_PRODUCTS = 2**26
 each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
 # Of rows: where a joint moves, at reversals, and beside halts.
 _ROW_KINDS = 3
+# Numbers of pairs of columns that are multiplied at once.
+_MOST_VALUES = 2**16
 
 
 T = TypeVar("T")
@@ -260,8 +262,13 @@ class RowStack:
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (s, *shape) at these places, whose shapes are broadcast."""
         first, second = np.broadcast_arrays(rows, columns)
-        each = self.columns[first.ravel()].astype(np.float64, copy=False) * self.columns[second.ravel()]
-        return self._runs.sum_by_block(each).T.reshape(self._runs.n_blocks, *first.shape)
+        products, pairs = np.empty((first.size, self._runs.n_blocks)), np.stack([first.ravel(), second.ravel()])
+        # A few pairs at a time: their rows stay in the cache, and take little memory however many pairs there are.
+        together = max(1, _MOST_VALUES // max(1, self.columns.shape[1]))
+        for k in range(0, first.size, together):
+            left, right = (self.columns[own].astype(np.float64, copy=False) for own in pairs[:, k : k + together])
+            products[k : k + together] = self._runs.sum_by_block(left * right)
+        return products.T.reshape(self._runs.n_blocks, *first.shape)
 
 
 class ProductStack:
