@@ -176,12 +176,14 @@ def find_static_friction(
     """
     final, findings = list(final), []
     names = final[0].joint_names
+    # The model's rows are the same for all joints.
+    inputs = RegressorInputs(recordings, grown.preprocessing, grown.estimate.next_reference(), kept_rows={})
     for joint in range(len(names)):
         halts = find_halts(final, joint)
         noise = float(final[0].noise[joint])
         if halts.compute_p(noise) > _WORTH_A_LOOK or not halts.look_like_friction:
             continue
-        candidate = _find_best_friction(grown, recordings, joint, halts, asked)
+        candidate = _find_best_friction(grown, inputs, joint, halts, asked)
         if candidate is None:
             continue
         # Bonferroni over the joints.
@@ -222,10 +224,10 @@ def _combine_p_values(at_rest: float, moving: float) -> float:
 
 
 def _try_friction(
-    grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]
+    grown: Identification, inputs: RegressorInputs, choices: Sequence[EffectChoice]
 ) -> tuple[State, list[ScoredCandidate]]:
     """Return the model's state, and the choices that have a column of their own beside it, by their widths."""
-    inputs = RegressorInputs(recordings, grown.preprocessing, grown.estimate.next_reference())
+    inputs = replace(inputs, preprocessing=grown.preprocessing, reference=grown.estimate.next_reference())
     state = gather_state(grown.model, build_pool_of_choices(grown.model, choices), inputs, grown.noise)
     return state, sorted(score_all(state, state.pool.candidates), key=_get_width)
 
@@ -242,7 +244,7 @@ def _get_size(scored: ScoredCandidate) -> float:
 
 
 def _find_best_friction(
-    grown: Identification, recordings: Sequence[Recording], joint: int, halts: Halts, asked: Sequence[str] | None
+    grown: Identification, inputs: RegressorInputs, joint: int, halts: Halts, asked: Sequence[str] | None
 ) -> ScoredCandidate | None:
     """Find the friction whose size, fitted where the joint moves, is what is held at rest.
 
@@ -259,11 +261,11 @@ def _find_best_friction(
         if is_extrapolated(effect, known):
             continue
         shapes = [tuple(sorted(shape.items())) for shape in _list_narrow_shapes(effect, robot, joint)]
-        _, coarse = _try_friction(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
+        _, coarse = _try_friction(grown, inputs, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
         shape = _interpolate_width(coarse, needed)
         if shape is None:
             continue
-        state, exact = _try_friction(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
+        state, exact = _try_friction(grown, inputs, [EffectChoice(effect.id, (name,), shape)])
         # Interpolating between widths may miss: the fit at the width itself decides.
         for fit in exact:
             if 1 / _LIKE <= _get_size(fit) / needed <= _LIKE and select_harmless(state, [fit.candidate.columns]):
