@@ -16,7 +16,7 @@ from support.scored_candidates import judged
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.outcome_reasons import Reason
-from dynident.diagnosis.search import next_finding
+from dynident.diagnosis.search import next_finding, static_friction
 from dynident.diagnosis.search.acceptance_rules import find_rejection, is_shadowed
 from dynident.diagnosis.search.search_state import State
 from dynident.diagnosis.search.static_friction import Halts, find_halts, is_extrapolated
@@ -78,11 +78,22 @@ def breaking_away(
     return held(seed, most, spread, lambda speed: excess * np.exp(-((speed / vs) ** 2)) * np.sign(speed), duration)
 
 
-def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joint():
+def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joint(monkeypatch):
+    rows = []
+    gather_state = static_friction.gather_state
+    monkeypatch.setattr(
+        static_friction,
+        "gather_state",
+        lambda *asked: rows.append(asked[2].kept_rows) or gather_state(*asked),
+    )
     # 0.012 rad/s is passed within a filter's width: hardly any row of the moving joint shows it.
     runs = [breaking_away(seed, COULOMB + EXCESS, 0.1, EXCESS) for seed in (1, 2)]
     found = diagnose(identify(SCARA, runs), runs)
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [("stribeck", SCARA.joint_names[:1])]
+    # The rows of the model are filtered once for all that is tried.
+    assert len(rows) > 1
+    assert rows[0]
+    assert all(each is rows[0] for each in rows)
     first = found.candidates[0]
     assert first.significant
     assert "These are halts" in first.evidence
