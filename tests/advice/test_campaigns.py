@@ -138,6 +138,13 @@ def test_shorter_runs_keep_the_highest_frequency_and_the_usual_number_of_harmoni
     assert count(sampling_rate=6.0) == [(5.0, 1, 6), (10.0, 1, 12)]
 
 
+def test_the_figure_counts_short_campaigns_in_seconds():
+    _, state, _ = first_run()
+    assert "robot time (s)" in draw_campaign(state)
+    long = replace(state, runs=tuple(replace(run, seconds=200.0) for run in state.runs))
+    assert "robot time (min)" in draw_campaign(long)
+
+
 def test_what_a_model_lacks_counts_all_runs_by_their_time():
     def run(excess: float, scatter: float, seconds: float) -> RunErrors:
         return RunErrors(np.zeros(1), np.array([excess]), np.array([scatter]), np.array([seconds]))
