@@ -280,9 +280,9 @@ def predict_errors(
     """
     statistics, solution = identification.statistics, identification.estimate.solution
     planned = expect_recording(design, last)
-    # A faster motion than those so far is filtered less, so that fewer of its rows are beside reversals. It has more of
-    # them, with more noise: a second tells as much as before.
-    filters = identification.choices.preprocessing or choose_preprocessing((last, planned))
+    # A faster motion is filtered less: fewer of its rows are beside reversals, and a second tells as much as before.
+    chosen = choose_preprocessing((last, planned)) if design.dq.any() else identification.preprocessing
+    filters = identification.choices.preprocessing or chosen
     share = filters.decimation / identification.preprocessing.decimation
     inputs = RegressorInputs((planned,), filters, identification.estimate.reference)
     # Rows at reversals count less, as they do in the identification.
