@@ -17,6 +17,7 @@ from dynident.advice.campaign_request import (
     Decision,
     describe_first_run,
     list_designs,
+    shorten_search,
 )
 from dynident.advice.payload_goal import (
     PayloadErrors,
@@ -107,12 +108,12 @@ class CampaignRun:
 
 @dataclass(frozen=True, eq=False)
 class PlannedRun:
-    """The next motion, and what it promises.
+    """The next motion.
 
     Parameters
     ----------
     design : Design
-        The motion.
+        Its design.
     promised : (k,) or None
         Relative errors of the targets once it is made, with what the model lacks; None before the first run, and for
         effects.
@@ -247,10 +248,10 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
 
     # A quick search for the shortest motion tells how long a run has to be: a longer one shows as much as the short one
     # repeated. The longest shows most per second, as it moves from and to home once, unless less reaches the goal.
-    shortest = _design_motion(state, replace(designs[0], starts=1), scale_progress(progress, 0.0, 0.2))
+    shortest = _design_motion(state, shorten_search(designs[0]), scale_progress(progress, 0.0, 0.2))
     lengths = [compute_planned_seconds(design) for design in designs]
-    moves = shortest.duration - lengths[0]
-    affordable = [k for k, length in enumerate(lengths) if length + moves <= state.seconds_left] or [0]
+    spare = state.seconds_left - shortest.duration
+    affordable = [k for k, length in enumerate(lengths) if length - lengths[0] <= spare] or [0]
     enough = (k for k in affordable if (promise(shortest, lengths[k] / lengths[0]) <= request.largest_error).all())
     design = _design_motion(state, designs[next(enough, affordable[-1])], scale_progress(progress, 0.2, 1.0))
     return PlannedRun(design, promise(design))
@@ -379,16 +380,12 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     Parameters
     ----------
     state : CampaignState
-        The campaign, its last run included.
+        The campaign with its last run.
     measure : ErrorMeasure or None
         What the covariance of its model means for the targets.
     planned : PlannedRun, optional
         The motion of the last run; its repetition bounds what the time that is left can bring.
 
-    Returns
-    -------
-    Decision
-        What to do, and why.
     """
     assert state.identification is not None
     run, goal, names = state.runs[-1], state.request.largest_error, state.targets

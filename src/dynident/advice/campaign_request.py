@@ -197,3 +197,14 @@ def _iterate_shorter_designs(longest: DesignRequest) -> Iterator[DesignRequest]:
 
 def _shorten_count(count: int, usual: int, shortening: float) -> int:
     return max(min(count, usual), math.ceil(shortening * count))
+
+
+def shorten_search(design: DesignRequest) -> DesignRequest:
+    """Return the request with a search of one start, in a quarter of the time.
+
+    Parameters
+    ----------
+    design : DesignRequest
+        The design.
+    """
+    return replace(design, starts=1, time_budget=None if design.time_budget is None else design.time_budget / 4)
