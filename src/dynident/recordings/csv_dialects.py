@@ -407,7 +407,10 @@ def _skip_titles(lines: list[str], header: int) -> int:
     # Messages of another kind may stand above rows that begin with what they are.
     rows = (number for number in range(header, len(lines)) if is_whole(lines[number]))
     row = next(rows, header)
-    return row if _is_marked_row([line for line in lines[row : row + 20] if line.strip()]) else header
+    # Words that are more or fewer than the columns of numbers below them name none.
+    is_named = any(abs(len(_split_fields(lines[header].lstrip("#% "), sign)) - width) < 2 for sign in ";\t|, ")
+    is_found = not is_named and _is_data(lines[row])
+    return row if is_found or _is_marked_row([line for line in lines[row : row + 20] if line.strip()]) else header
 
 
 def _is_aligned(lines: list[str]) -> bool:

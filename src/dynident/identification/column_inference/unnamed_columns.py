@@ -129,6 +129,13 @@ def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n:
         return None
     paired = {index for pair in pairs for index in pair}
     rest = [index for index in range(len(columns)) if index not in paired]
+    leader = {int(follower[index]): columns[index] for index in led if index in rest}
+    if set(leader) == {first for first, _ in pairs}:
+        # What these are the derivatives of are the positions. One joint's torque may be its acceleration, of a rotor.
+        rises = tuple(columns[second] for _, second in pairs) if n == 1 else ()
+        rates = tuple(columns[first] for first, _ in pairs)
+        positions = tuple(leader[first] for first, _ in pairs)
+        return UnnamedColumns(positions, rates, rises, "some columns are first and second derivatives of others")
     return UnnamedColumns(
         tuple(columns[first] for first, _ in pairs),
         tuple(columns[second] for _, second in pairs),

@@ -43,6 +43,9 @@ and more, even of direct drives, since joints move on bearings and seals."""
 _BY_CHANCE = 0.15
 """Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance."""
 
+_OF_LIGHT = 0.5
+"""The same share, of a joint that carries little, from which on its torque was measured: noise is more of it."""
+
 _MOVES = 0.01
 """rad or m that the fastest joint must move in the mean, or nothing tells friction."""
 
@@ -88,7 +91,7 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     few = thin_out(motion, _STATIC_ROWS)
     q, dq, ddq, tau, block = few.q, few.dq, few.ddq, few.tau, few.block
     spread = tau.std(axis=0)
-    # Joints that carry little are left out: their torque is friction and noise.
+    # Joints that carry little are left out, unless they show friction: their torque is friction and noise.
     heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
     loads = judge.compute_load_columns(q)
     # What links of the description's masses add to their load in this motion, where it has masses.
@@ -96,11 +99,15 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     added = None if load is None else compute_described_torque(robot, q, dq, ddq) - load
     shows_inertia = added is None
     shares: list[tuple[float, float]] = []
-    for joint in np.flatnonzero(heavy):
+    for joint in np.flatnonzero((spread > 0) & (dq.std(axis=0) > 0)):
         # Dry and viscous friction and the inertia of the drive: what motion adds to any measured torque.
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
         share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
         bound = max(_NO_FRICTION, _BY_CHANCE * share_left)
+        if not heavy[joint]:
+            if moving > max(_NO_FRICTION, _OF_LIGHT * share_left):
+                return None
+            continue
         if share_left > _UNEXPLAINED_BY_GRAVITY or moving > bound:
             return None
         if load is not None and added is not None:

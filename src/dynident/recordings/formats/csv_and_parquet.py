@@ -284,8 +284,7 @@ class CsvFileSource(FileSource):
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
         text = self._open_text()
         judge = partial(self._odd_rows.judge_row)
-        is_released = Event()
-        weakref.finalize(judge, is_released.set).atexit = False
+        releases = [_watch_release(part) for part in (judge, text) if not isinstance(part, str)]
         reader = None
         try:
             with pacsv.open_csv(
@@ -308,11 +307,12 @@ class CsvFileSource(FileSource):
                     yield self._parse_word_columns(batch) if self._worded.keys() & columns else batch
         finally:
             # Arrow reads ahead in a thread, which aborts the program where it calls Python as that ends. The text ends
-            # here, and the thread is awaited: it lets go of the judge of rows last.
+            # here, and the thread is awaited: until it has let go of the judge of rows, and of the text.
             if isinstance(text, io.BufferedReader) and isinstance(text.raw, RewrittenText):
                 text.raw.is_ended = True
-            del reader, judge
-            is_released.wait(_PATIENCE)
+            del reader, judge, text
+            for is_released in releases:
+                is_released.wait(_PATIENCE)
 
     def _parse_word_columns(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Return the batch with numbers in columns with words; a word is a missing value."""
@@ -361,6 +361,13 @@ class _OddRows:
 
 
 _SHOWN = 60  # characters of a row
+
+
+def _watch_release(watched: object) -> Event:
+    """Return what is set once nobody holds an object any more."""
+    is_released = Event()
+    weakref.finalize(watched, is_released.set).atexit = False
+    return is_released
 
 
 def _find_word_column(message: str, dialect: Dialect) -> str | None:
