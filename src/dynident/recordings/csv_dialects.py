@@ -269,7 +269,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
                     rows += 1
     units = _read_units(lines, rows, delimiter, names)
     rows += bool(units)
-    properties = _count_properties(lines, rows, delimiter)
+    split = [_split_fields(line, delimiter) for line in lines[rows:]]
+    properties = packed_messages.count_properties(split, _is_number)
     for number in range(rows, rows + properties):
         facts = packed_messages.put_word_before(_split_fields(lines[number], delimiter))
         if "unit" in facts[0].casefold():
@@ -428,9 +429,11 @@ def _is_aligned(lines: list[str]) -> bool:
 def _detect_number_format(lines: list[str]) -> tuple[str, bool]:
     """Return separator and decimal comma of a file of numbers alone."""
     text = lines[0]
-    # Separators that no number contains come first. A space is one only where it does more than end a comma, or a date.
+    # A comma with blanks beside it separates points. Otherwise separators that no number contains come first, and a
+    # space is one only where it does more than end a comma, or a date.
+    cells = _split_fields(text, ",")
     for delimiter in ";\t|":
-        if delimiter in text:
+        if delimiter in text and not (len(cells) > 1 and all(map(_NUMBER.match, cells))):
             return delimiter, "," in text
     if " " in text.strip() and ", " not in text and (_is_row(text, " ") or not _is_row(text, ",")):
         return " ", "," in text
@@ -482,22 +485,3 @@ def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str,
 
 def _list_units(cells: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     return {name: cell.strip("[]() ") for name, cell in zip(names, cells, strict=False) if cell.strip("[]() -")}
-
-
-def _count_properties(lines: Sequence[str], first: int, delimiter: str) -> int:
-    """Return how many lines below the names, of words before values, say what the columns have, as LabVIEW's do."""
-    rows = [packed_messages.put_word_before(_split_fields(line, delimiter)) for line in lines[first:]]
-    begins = [row[0].casefold() for row in rows]
-    is_word = [begin[:1].isalpha() and not _is_number(begin) for begin in begins]
-    n_words = sum(itertools.takewhile(bool, is_word))
-    are_properties = [not _PROPERTIES.isdisjoint(re.split("[^a-z]+", begin)) for begin in begins[:n_words]]
-    # A word may say where the rows begin, in the first of them.
-    is_row = n_words and not are_properties[-1] and all(map(_is_number, rows[n_words - 1][1:]))
-    n_words -= bool(is_row and begins[n_words : n_words + 1] == [""])
-    has_rows = len(begins) > 2 * n_words and not any(is_word[n_words + 1 :])
-    return n_words if n_words > 1 and has_rows and any(are_properties) else 0
-
-
-_PROPERTIES = frozenset(
-    {"unit", "units", "length", "samples", "increment", "delta", "type", "interp"}
-)  # one at least stands before such lines

@@ -466,9 +466,9 @@ def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: 
 def _leaves_limits(robot: Robot, q: FloatArray, mended: FloatArray) -> bool:
     """Tell whether a joint is within its limits all the time as recorded, and mostly out of them once mended."""
     for joint, recorded, otherwise in zip(robot.joints, q.T, mended.T, strict=True):
-        if (limits := joint.reach) is not None and limits[0] <= recorded.min() <= recorded.max() <= limits[1]:
-            if not limits[0] <= np.median(otherwise) <= limits[1]:
-                return True
+        low, high = joint.reach or (np.nan, np.nan)
+        if low <= recorded.min() <= recorded.max() <= high and not low <= np.median(otherwise) <= high:
+            return True
     return False
 
 

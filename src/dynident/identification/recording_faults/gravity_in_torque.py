@@ -40,11 +40,9 @@ _NO_FRICTION = 0.01
 """Share of a joint's torque that friction and inertia together may have: of measured torques friction alone has 0.02
 and more, even of direct drives, since joints move on bearings and seals."""
 
-_BY_CHANCE = 0.15
-"""Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance."""
-
-_OF_LIGHT = 0.5
-"""The same share, of a joint that carries little, from which on its torque was measured: noise is more of it."""
+_BY_CHANCE, _OF_LIGHT = 0.15, 0.5
+"""Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance; and the
+one from which on the torque of a joint that carries little was measured."""
 
 _MOVES = 0.01
 """rad or m that the fastest joint must move in the mean, or nothing tells friction."""
@@ -103,17 +101,14 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
         # Dry and viscous friction and the inertia of the drive: what motion adds to any measured torque.
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
         share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
-        bound = max(_NO_FRICTION, _BY_CHANCE * share_left)
-        if not heavy[joint]:
-            if moving > max(_NO_FRICTION, _OF_LIGHT * share_left):
-                return None
-            continue
-        if share_left > _UNEXPLAINED_BY_GRAVITY or moving > bound:
+        bound = max(_NO_FRICTION, (_BY_CHANCE if heavy[joint] else _OF_LIGHT) * share_left)
+        if moving > bound or (heavy[joint] and share_left > _UNEXPLAINED_BY_GRAVITY):
             return None
-        if load is not None and added is not None:
+        if heavy[joint] and load is not None and added is not None:
             size = float(np.linalg.norm(load[:, joint]))
             shows_inertia = shows_inertia or _BELIEVED * float(np.linalg.norm(added[:, joint])) > bound * size
-        shares.append((share_left, moving))
+        if heavy[joint]:
+            shares.append((share_left, moving))
     # A sensor behind the gears measures no friction. In a slow motion it measures gravity alone, as a command would.
     if not shares or not shows_inertia:
         return None

@@ -23,13 +23,12 @@ from dynident.recordings.formats.csv_and_parquet import (
     CsvFileSource,
     FeatherFileSource,
     ParquetFileSource,
-    join_stacked_series,
 )
 from dynident.recordings.formats.kuka_files import START, open_data_set, open_telegrams
 from dynident.recordings.formats.matlab import is_version_4, open_matlab
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.printed_records import find_printed_kind, rewrite_as_json
-from dynident.recordings.formats.rearranged_tables import rearrange_table
+from dynident.recordings.formats.rearranged_tables import join_stacked_series, rearrange_table
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows

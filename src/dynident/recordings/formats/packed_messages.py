@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
@@ -470,3 +470,22 @@ def find_line_form(lines: list[str]) -> LineForm | None:
 
 
 _LABELLED_LINES = 50
+
+
+def count_properties(lines: Sequence[list[str]], is_number: Callable[[str], bool]) -> int:
+    """Return how many lines below the names, of words before values, say what the columns have, as LabVIEW's do."""
+    rows = [put_word_before(line) for line in lines]
+    begins = [row[0].casefold() for row in rows]
+    is_word = [begin[:1].isalpha() and not is_number(begin) for begin in begins]
+    n_words = sum(takewhile(bool, is_word))
+    are_properties = [not _PROPERTIES.isdisjoint(re.split("[^a-z]+", begin)) for begin in begins[:n_words]]
+    # A word may say where the rows begin, in the first of them.
+    is_row = n_words and not are_properties[-1] and all(map(is_number, rows[n_words - 1][1:]))
+    n_words -= bool(is_row and begins[n_words : n_words + 1] == [""])
+    has_rows = len(begins) > 2 * n_words and not any(is_word[n_words + 1 :])
+    return n_words if n_words > 1 and has_rows and any(are_properties) else 0
+
+
+_PROPERTIES = frozenset(
+    {"unit", "units", "length", "samples", "increment", "delta", "type", "interp"}
+)  # one at least stands before such lines

@@ -1,7 +1,7 @@
 """Rearrange text whose rows are not moments: a row for each value, a row for each signal, titled blocks of rows.
 
 All of it is rewritten as a table, while it is read. Tables with a row for each value are joined on time afterwards, by
-`cells_without_numbers` and `csv_and_parquet`.
+`cells_without_numbers` and `join_stacked_series`.
 """
 
 from __future__ import annotations
@@ -10,14 +10,29 @@ import csv
 import io
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 
-from dynident.recordings.file_size_limits import MOST_COLUMNS, MOST_UNPACKED, TITLE
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from dynident.array_types import FloatArray
+from dynident.recordings.arrow_tables import batch_from_arrays
+from dynident.recordings.cells_without_numbers import find_label_columns, join_labels
+from dynident.recordings.file_size_limits import (
+    MOST_COLUMNS,
+    MOST_UNPACKED,
+    TITLE,
+    check_columns,
+    choose_block_rows,
+)
+from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.printed_records import LineStream
 from dynident.recordings.formats.text_streams import TextContent, decode_text
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.sample_series_join import SampleSeries, describe_join
 from dynident.recordings.time_columns import are_times, is_time_name
 
 Rearrange = Callable[[Iterator[str]], Iterator[str]]
@@ -367,3 +382,96 @@ def _read_blocks(lines: Iterator[str], head: str) -> Iterator[str]:
         elif line.strip():
             above.append(line)
     yield from write_block()
+
+
+class StackedSource(FileSource):
+    """A table in which the rows of one signal stand below those of another, as a column for each signal.
+
+    Parameters
+    ----------
+    source : FileSource
+        The table as it is.
+    time : str
+        Its column of time.
+    series : mapping of str to (m, 1 + columns)
+        Time and values of every signal, by its name.
+    columns : sequence of str
+        Names of the columns of values.
+    """
+
+    def __init__(self, source: FileSource, time: str, series: Mapping[str, FloatArray], columns: Sequence[str]) -> None:
+        main = max(series, key=lambda name: len(series[name]))
+        self._values = {time: series[main][:, 0]}
+        for name, table in series.items():
+            names = [f"{column}_{name}" for column in columns]
+            samples = SampleSeries(names, float(np.median(np.diff(table[:, 0]))))
+            samples.add(table[:, 0], names, table[:, 1:])
+            self._values |= dict(zip(names, samples.read_at(self._values[time]).T, strict=True))
+        super().__init__(list(self._values), {time: source.units[time]} if time in source.units else {})
+        self.sample_rows, self.inner = source.sample_rows, source
+        self.own_remarks = (describe_join(main, [name for name in series if name != main]),)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        values = {name: np.ascontiguousarray(self._values[name]) for name in columns}
+        size = choose_block_rows(len(columns))
+        for first in range(0, len(next(iter(values.values()))), size):
+            yield batch_from_arrays({name: column[first : first + size] for name, column in values.items()}, columns)
+
+
+def join_stacked_series(source: FileSource) -> FileSource:
+    """Return the file with a column for each signal, if the signals stand one below another; else the same object.
+
+    Raises
+    ------
+    RecordingError
+        For more rows than fit into memory.
+    """
+    labels, columns, _ = find_label_columns(source, source.texts)
+    time = next(filter(is_time_name, source.names), None)
+    if not labels or not columns or time is None or any(len(set(source.texts[name])) > 1 for name in labels):
+        return source
+    parts: dict[str, list[FloatArray]] = {}
+    last, last_time, first_row, n_bytes = "", np.nan, 0, 0
+    for batch in source.batches([time, *columns, *labels]):
+        table = np.column_stack([to_float_column(batch, name, first_row) for name in (time, *columns)])
+        coded = pc.dictionary_encode(join_labels([batch.column(name) for name in labels]))
+        codes = coded.indices.to_numpy(zero_copy_only=False)
+        edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)] if len(codes) else []
+        for begin, end in pairwise(edges):
+            name = coded.dictionary[codes[begin]].as_py()
+            # A signal that comes again is one of rows that take turns, or of another run; where time goes on, the word
+            # says something of the rows, such as how they move.
+            if parts and name != last and (name in parts or not table[begin, 0] < last_time):
+                return source
+            parts.setdefault(name, []).append(table[begin:end])
+            last, last_time = name, table[end - 1, 0]
+        first_row, n_bytes = first_row + batch.num_rows, n_bytes + table.nbytes
+        if n_bytes > _MOST_STACKED:
+            if len(parts) > 1:
+                raise _make_stacked_error()
+            parts[last].clear()  # it may be the only one, and is too long to be held beside another
+    if len(parts) < 2:
+        return source
+    series = {name: np.concatenate(tables) for name, tables in parts.items()}
+    spans = [(table[0, 0], table[-1, 0]) for table in series.values()]
+    if any(len(table) < _FEWEST_SAMPLES or not (np.diff(table[:, 0]) >= 0.0).all() for table in series.values()) or max(
+        begin for begin, _ in spans
+    ) >= min(end for _, end in spans):
+        return source
+    check_columns(1 + len(series) * len(columns))
+    # Many short signals beside a long one would become far more numbers than the file has.
+    if 8 * max(map(len, series.values())) * len(series) * len(columns) > max(MOST_UNPACKED, 2 * n_bytes):
+        raise _make_stacked_error()
+    return StackedSource(source, time, series, columns)
+
+
+def _make_stacked_error() -> RecordingError:
+    return RecordingError(
+        "The signals stand one below another, in too many rows to be sorted: write a row for each moment, with a "
+        "column for each signal (pandas: df.pivot).",
+        title=TITLE,
+    )
+
+
+_MOST_STACKED, _FEWEST_SAMPLES = 1 << 30, 8
+"""Bytes of the numbers of a table whose signals stand one below another, as it is held in memory; and rows of each."""
