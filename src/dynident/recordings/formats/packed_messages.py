@@ -297,6 +297,17 @@ def name_message_columns(words: Sequence[Sequence[str | None]]) -> tuple[str, ..
 _PROPERTY = re.compile(r"(?P<word>[A-Za-z]\w*): ?(?P<value>.*)")
 
 
+def have_words_alike(words: Sequence[Sequence[str | None]], first: str) -> bool:
+    """Return whether two lines, None for their numbers, are both rows with words at the same places.
+
+    Names may be numbers as well, but none with a fraction.
+    """
+    if words[0] == words[1]:
+        return True
+    places = [[word is None for word in line] for line in words[:2]]
+    return places[0] == places[1] and re.search(r"\d[.,]\d", first) is not None
+
+
 def put_word_before(cells: Sequence[str]) -> list[str]:
     """Return a row with the word before the values of all its cells, `Unit: deg`, in place of its first cell.
 

@@ -75,6 +75,9 @@ def _find_rearrangement(lines: list[str], content: TextContent, is_cut: bool) ->
     if (head := _find_titled_head(whole)) is not None and _has_further_blocks(content, head):
         remark = "Blocks with titles stand one below another: each has signals of its own."
         return partial(_read_blocks, head=head), remark
+    if (key := _find_key_of_names(whole, content)) is not None:
+        remark = f"Blocks of times and values stand one below another: each is named by the {key} above it."
+        return partial(_read_named_blocks, key=key), remark
     return None, ""
 
 
@@ -367,3 +370,41 @@ def _read_blocks(lines: Iterator[str], head: str) -> Iterator[str]:
         elif line.strip():
             above.append(line)
     yield from write_block()
+
+
+_NAMED = re.compile(r"\s*(?:\d+\.)?(variable|symbol|signal|channel|name)\s*[;:=,\t]\s*(\S.*?)[\s;,]*$", re.IGNORECASE)
+"""A key of the signal of a block, as traces of CODESYS have it: `0.Variable; PLC.Axis1.fActPos`."""
+_TIME_UNIT = re.compile(r"\s*time\W?unit\s*[;:=,\t]\s*(\w{1,12})[\s;,]*$", re.IGNORECASE)
+_MOMENT = re.compile(rf"\s*[;\t]?\s*({_NUMBER.pattern})\s*[;\t]\s*({_NUMBER.pattern})[\s;]*$")
+"""A row of such a block: time and value."""
+
+
+def _find_key_of_names(lines: Sequence[str], content: TextContent) -> str | None:
+    """Return the key that names blocks of times and values, each signal below another; None where there is none."""
+    first = next((number for number, line in enumerate(lines) if _MOMENT.match(line)), len(lines))
+    rows = lines[first : first + _FEWEST_ROWS]
+    if len(rows) < _FEWEST_ROWS or not all(map(_MOMENT.match, rows)) or not any(map(_NAMED.match, lines[:first])):
+        return None
+    names: dict[str, set[str]] = defaultdict(set)
+    with content.open() as file:
+        for line in io.TextIOWrapper(file, encoding="utf-8", errors="replace"):
+            if (match := _NAMED.match(line)) is not None:
+                names[match[1].casefold()].add(match[2])
+    # The trace as a whole has a name as well.
+    repeated = [key for key in ("variable", "symbol", "signal", "channel", "name") if len(names[key]) > 1]
+    return repeated[0] if repeated else None
+
+
+def _read_named_blocks(lines: Iterator[str], key: str) -> Iterator[str]:
+    """Yield time, name and value of blocks of times and values below the keys that describe them."""
+    head, name = _HEAD, ""
+    for line in lines:
+        if (moment := _MOMENT.match(line)) is not None:
+            if head:
+                yield head
+                head = ""
+            yield f"{moment[1]},{name},{moment[2]}"
+        elif (named := _NAMED.match(line)) is not None and named[1].casefold() == key:
+            name = _write_name(named[2])
+        elif head and (unit := _TIME_UNIT.match(line)) is not None:
+            head = _HEAD.replace("time", f"time [{unit[1]}]")
