@@ -86,3 +86,36 @@ def test_a_first_row_with_other_words_than_the_next_is_a_row(tmp_path: Path, fir
 def test_names_that_are_partly_numbers_stay_names(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t;1;2\n" + "".join(f"{i / 100:.2f};{i};{i}\n" for i in range(40)))
     assert tuple(open_source(tmp_path / "log.csv", None).names) == ("t", "1", "2")
+
+
+def write_pairs(path: Path, late: float = 0.0) -> dict[str, np.ndarray]:
+    """Arrays of time and value, one for each signal."""
+    arrays, t = {}, np.arange(60) / 100.0
+    for k, name in enumerate(("j1_position", "j2_position", "j1_torque", "j2_torque")):
+        arrays[name] = np.column_stack([t + late * k, np.sin(3 * t + k)])
+    np.savez(path, **arrays)
+    return arrays
+
+
+def test_arrays_of_time_and_value_are_signals_at_one_time(tmp_path: Path) -> None:
+    arrays = write_pairs(tmp_path / "log.npz")
+    columns = read_columns(open_source(tmp_path / "log.npz", None))
+    for name, pair in arrays.items():
+        np.testing.assert_allclose(columns[f"{name}/data"], pair[:, 1])
+    np.testing.assert_allclose(columns["j1_position/time"], arrays["j1_position"][:, 0])
+
+
+def test_arrays_with_times_of_their_own_are_read_at_those_of_the_longest(tmp_path: Path) -> None:
+    arrays = write_pairs(tmp_path / "log.npz", late=0.003)
+    columns = read_columns(open_source(tmp_path / "log.npz", None))
+    time, signal = columns["j1_position/time"], columns["j2_torque/data"]
+    inside = np.isfinite(signal)
+    np.testing.assert_allclose(signal[inside], np.interp(time[inside], *arrays["j2_torque"].T))
+
+
+@pytest.mark.parametrize("rising", [False, True])
+def test_arrays_of_two_joints_stay_arrays_of_two_joints(tmp_path: Path, rising: bool) -> None:
+    t = np.arange(60) / 100.0
+    q = np.column_stack([t if rising else np.sin(t), np.cos(t)])
+    np.savez(tmp_path / "log.npz", q=q, tau=np.column_stack([np.cos(5 * t), np.sin(5 * t)]))
+    assert set(open_source(tmp_path / "log.npz", None).names) == {"q1", "q2", "tau1", "tau2"}
