@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType
 from typing import IO, Any
 
@@ -318,14 +318,16 @@ def _split_timed_pairs(arrays: Sequence[StoredArray]) -> list[StoredArray]:
         return list(arrays)
 
     def split(array: StoredArray) -> Iterator[StoredArray]:
-        for place, ending in enumerate(("time", "data")):
-            yield StoredArray(
-                f"{array.name}/{ending}",
-                (max(array.shape),),
-                lambda first, last, _, k=place: array.read(first, last, array.shape.index(max(array.shape)))[:, k],
-            )
+        for column, ending in enumerate(("time", "data")):
+            yield StoredArray(f"{array.name}/{ending}", (max(array.shape),), partial(_read_column, array, column))
 
     return [part for array in arrays for part in (split(array) if array in pairs else (array,))]
+
+
+def _read_column(array: StoredArray, column: int, first: int, last: int, axis: int) -> FloatArray:
+    """Read a part of one of an array's two columns; the axis is that of the column alone."""
+    del axis
+    return array.read(first, last, array.shape.index(max(array.shape)))[:, column]
 
 
 def _name_by_labels(arrays: Sequence[StoredArray]) -> list[StoredArray]:
