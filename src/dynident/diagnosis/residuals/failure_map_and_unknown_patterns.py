@@ -231,7 +231,8 @@ def _find_cause(rows: _PatternRows, joint: _JointRows, j: int, comparison: Compa
     signals = (signal[telling, j] for signal in (rows.dq, rows.ddq, rows.load))
     own = np.column_stack([np.ones(len(sign)), sign, *signals])
     others = {
-        k: _fit_held_out(joint, rows.drive[telling, k : k + 1], own)
+        # Of the other joint's load the links of this one have taken their part: it is free beside its drive.
+        k: _fit_held_out(joint, np.column_stack([rows.drive[telling, k], rows.load[telling, k]]), own)
         for k in range(len(names))
         if k != j and comparison.units[k] == unit
     }
