@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from dynident.recordings.cells_without_numbers import make_counted_names
+from dynident.recordings.file_source import fill_blank_names
 from dynident.recordings.formats import packed_messages
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
@@ -127,8 +128,7 @@ def detect_dialect(start: bytes) -> Dialect:
         header.names = _name_list_columns(header, original, delimiter)
     rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
     header.names = _fit_last_name(header.names, rows)
-    if "" in header.names and header.names.count("") > 1:
-        header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
+    header.names, guessed = fill_blank_names(header.names)
     header.names, header.clocks = pair_times(header.names) or (header.names, header.clocks)
     header.names, remarks = number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
@@ -145,7 +145,7 @@ def detect_dialect(start: bytes) -> Dialect:
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
         clocks=header.clocks,
-        remarks=(*header.remarks, *remarks),
+        remarks=(*header.remarks, *guessed, *remarks),
     )
 
 
@@ -248,8 +248,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     cells = [[None if _is_number(cell) else cell for cell in _split_fields(line, delimiter)] for line in messages[:2]]
     if (names := packed_messages.name_message_columns(cells) or packed_messages.name_value_columns(cells)) is not None:
         return delimiter, False, _Header(names, header)
-    # Words between numbers that the next row repeats are values, as those of a state.
-    if is_row or (len(cells) > 1 and any(cells[0]) and cells[0] == cells[1]):
+    # Words between numbers are values, as those of a state, if the next row repeats them or has others there.
+    if is_row or (len(cells) > 1 and any(cells[0]) and packed_messages.have_words_alike(cells, text)):
         delimiter, comma = _detect_number_format(below)
         fields = _split_fields(text, delimiter)
         counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))

@@ -336,7 +336,8 @@ def find_other_mounting(robot: Robot, bands: Sequence[tuple[Motion, float]], jud
         now = judge.measure_unexplained(motion)
         if now.worst_share >= _POOR:
             mounting = find_mounting(robot, motion)
-            is_explained = mounting.unexplained < _EXPLAINED or _do_masses_agree(robot, motion, mounting.gravity)
+            # A direction that leaves what made another one be looked for explains nothing, as of a few seconds.
+            is_explained = mounting.unexplained < _POOR or _do_masses_agree(robot, motion, mounting.gravity)
             if mounting.is_sure and now.is_surely_above(mounting.explains) and is_explained:
                 return mounting
         by_masses = _find_mounting_by_masses(robot, motion, now) if _has_masses(robot) else None

@@ -5,18 +5,21 @@ from __future__ import annotations
 import io
 import re
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import IO
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
+from dynident.array_types import FloatArray
 from dynident.recordings.arrow_tables import (
+    batch_from_arrays,
     is_structure_list,
     open_parquet_stream,
     parse_numbers,
@@ -47,6 +50,7 @@ from dynident.recordings.formats.text_streams import (
     refuse_date,
 )
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.sample_series_join import SampleSeries, describe_join
 from dynident.recordings.time_columns import is_time_name
 
 CSV_BLOCK_BYTES = 1 << 19
@@ -402,3 +406,37 @@ def _has_twice_the_cells(message: str) -> bool:
     """Return whether Arrow found nearly twice as many cells in a row as the table has columns."""
     counts = re.search(r"Expected (\d+) columns, got (\d+)", message)
     return counts is not None and 1.7 < int(counts[2]) / int(counts[1]) <= 2.0
+
+
+class StackedSource(FileSource):
+    """A table in which the rows of one signal stand below those of another, as a column for each signal.
+
+    Parameters
+    ----------
+    source : FileSource
+        The table as it is.
+    time : str
+        Its column of time.
+    series : mapping of str to (m, 1 + columns)
+        Time and values of every signal, by its name.
+    columns : sequence of str
+        Names of the columns of values.
+    """
+
+    def __init__(self, source: FileSource, time: str, series: Mapping[str, FloatArray], columns: Sequence[str]) -> None:
+        main = max(series, key=lambda name: len(series[name]))
+        self._values = {time: series[main][:, 0]}
+        for name, table in series.items():
+            names = [f"{column}_{name}" for column in columns]
+            samples = SampleSeries(names, float(np.median(np.diff(table[:, 0]))))
+            samples.add(table[:, 0], names, table[:, 1:])
+            self._values |= dict(zip(names, samples.read_at(self._values[time]).T, strict=True))
+        super().__init__(list(self._values), {time: source.units[time]} if time in source.units else {})
+        self.sample_rows, self.inner = source.sample_rows, source
+        self.own_remarks = (describe_join(main, [name for name in series if name != main]),)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        values = {name: np.ascontiguousarray(self._values[name]) for name in columns}
+        size = choose_block_rows(len(columns))
+        for first in range(0, len(next(iter(values.values()))), size):
+            yield batch_from_arrays({name: column[first : first + size] for name, column in values.items()}, columns)

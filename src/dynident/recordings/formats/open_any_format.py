@@ -15,9 +15,8 @@ import pyarrow as pa
 from dynident.array_types import FloatArray
 from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.cells_without_numbers import read_word_cells
-from dynident.recordings.conditioning.missing_and_held import read_marked_gaps
 from dynident.recordings.file_names_and_digests import split_path
-from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.file_source import FileSource, read_marked_gaps, to_float_column
 from dynident.recordings.formats import json_records
 from dynident.recordings.formats.csv_and_parquet import (
     CsvFileSource,

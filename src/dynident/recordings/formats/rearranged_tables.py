@@ -10,29 +10,26 @@ import csv
 import io
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow_tables import batch_from_arrays
 from dynident.recordings.cells_without_numbers import find_label_columns, join_labels
 from dynident.recordings.file_size_limits import (
     MOST_COLUMNS,
     MOST_UNPACKED,
     TITLE,
     check_columns,
-    choose_block_rows,
 )
 from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.formats.csv_and_parquet import StackedSource
 from dynident.recordings.formats.printed_records import LineStream
 from dynident.recordings.formats.text_streams import TextContent, decode_text
 from dynident.recordings.recording_metadata import RecordingError
-from dynident.recordings.sample_series_join import SampleSeries, describe_join
 from dynident.recordings.time_columns import are_times, is_time_name
 
 Rearrange = Callable[[Iterator[str]], Iterator[str]]
@@ -90,6 +87,9 @@ def _find_rearrangement(lines: list[str], content: TextContent, is_cut: bool) ->
     if (head := _find_titled_head(whole)) is not None and _has_further_blocks(content, head):
         remark = "Blocks with titles stand one below another: each has signals of its own."
         return partial(_read_blocks, head=head), remark
+    if (key := _find_key_of_names(whole, content)) is not None:
+        remark = f"Blocks of times and values stand one below another: each is named by the {key} above it."
+        return partial(_read_named_blocks, key=key), remark
     return None, ""
 
 
@@ -384,40 +384,6 @@ def _read_blocks(lines: Iterator[str], head: str) -> Iterator[str]:
     yield from write_block()
 
 
-class StackedSource(FileSource):
-    """A table in which the rows of one signal stand below those of another, as a column for each signal.
-
-    Parameters
-    ----------
-    source : FileSource
-        The table as it is.
-    time : str
-        Its column of time.
-    series : mapping of str to (m, 1 + columns)
-        Time and values of every signal, by its name.
-    columns : sequence of str
-        Names of the columns of values.
-    """
-
-    def __init__(self, source: FileSource, time: str, series: Mapping[str, FloatArray], columns: Sequence[str]) -> None:
-        main = max(series, key=lambda name: len(series[name]))
-        self._values = {time: series[main][:, 0]}
-        for name, table in series.items():
-            names = [f"{column}_{name}" for column in columns]
-            samples = SampleSeries(names, float(np.median(np.diff(table[:, 0]))))
-            samples.add(table[:, 0], names, table[:, 1:])
-            self._values |= dict(zip(names, samples.read_at(self._values[time]).T, strict=True))
-        super().__init__(list(self._values), {time: source.units[time]} if time in source.units else {})
-        self.sample_rows, self.inner = source.sample_rows, source
-        self.own_remarks = (describe_join(main, [name for name in series if name != main]),)
-
-    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        values = {name: np.ascontiguousarray(self._values[name]) for name in columns}
-        size = choose_block_rows(len(columns))
-        for first in range(0, len(next(iter(values.values()))), size):
-            yield batch_from_arrays({name: column[first : first + size] for name, column in values.items()}, columns)
-
-
 def join_stacked_series(source: FileSource) -> FileSource:
     """Return the file with a column for each signal, if the signals stand one below another; else the same object.
 
@@ -475,3 +441,41 @@ def _make_stacked_error() -> RecordingError:
 
 _MOST_STACKED, _FEWEST_SAMPLES = 1 << 30, 8
 """Bytes of the numbers of a table whose signals stand one below another, as it is held in memory; and rows of each."""
+
+
+_NAMED = re.compile(r"\s*(?:\d+\.)?(variable|symbol|signal|channel|name)\s*[;:=,\t]\s*(\S.*?)[\s;,]*$", re.IGNORECASE)
+"""A key of the signal of a block, as traces of CODESYS have it: `0.Variable; PLC.Axis1.fActPos`."""
+_TIME_UNIT = re.compile(r"\s*time\W?unit\s*[;:=,\t]\s*(\w{1,12})[\s;,]*$", re.IGNORECASE)
+_MOMENT = re.compile(rf"\s*[;\t]?\s*({_NUMBER.pattern})\s*[;\t]\s*({_NUMBER.pattern})[\s;]*$")
+"""A row of such a block: time and value."""
+
+
+def _find_key_of_names(lines: Sequence[str], content: TextContent) -> str | None:
+    """Return the key that names blocks of times and values, each signal below another; None where there is none."""
+    first = next((number for number, line in enumerate(lines) if _MOMENT.match(line)), len(lines))
+    rows = lines[first : first + _FEWEST_ROWS]
+    if len(rows) < _FEWEST_ROWS or not all(map(_MOMENT.match, rows)) or not any(map(_NAMED.match, lines[:first])):
+        return None
+    names: dict[str, set[str]] = defaultdict(set)
+    with content.open() as file:
+        for line in io.TextIOWrapper(file, encoding="utf-8", errors="replace"):
+            if (match := _NAMED.match(line)) is not None:
+                names[match[1].casefold()].add(match[2])
+    # The trace as a whole has a name as well.
+    repeated = [key for key in ("variable", "symbol", "signal", "channel", "name") if len(names[key]) > 1]
+    return repeated[0] if repeated else None
+
+
+def _read_named_blocks(lines: Iterator[str], key: str) -> Iterator[str]:
+    """Yield time, name and value of blocks of times and values below the keys that describe them."""
+    head, name = _HEAD, ""
+    for line in lines:
+        if (moment := _MOMENT.match(line)) is not None:
+            if head:
+                yield head
+                head = ""
+            yield f"{moment[1]},{name},{moment[2]}"
+        elif (named := _NAMED.match(line)) is not None and named[1].casefold() == key:
+            name = _write_name(named[2])
+        elif head and (unit := _TIME_UNIT.match(line)) is not None:
+            head = _HEAD.replace("time", f"time [{unit[1]}]")
