@@ -224,7 +224,7 @@ class ClearanceSlack:
     _forces: FloatArray
     _places: FloatArray
     _frames: FloatArray
-    _map: _PointMap
+    _map: PointMap
     _robot: Robot
     _rates: FloatArray | None
 
@@ -254,8 +254,8 @@ class ClearanceSlack:
         return torques
 
 
-class _PointMap:
-    """Assignment of forces to slacks and to the joints that they move."""
+class PointMap:
+    """Assignment of forces to slacks and to the joints that they move; -1 is the base."""
 
     def __init__(self, slacks: Sequence[int], joints: Sequence[int], n: int) -> None:
         self._slacks = np.array(slacks, dtype=np.intp)
@@ -265,9 +265,11 @@ class _PointMap:
                 self._incidence[k, joint] = 1.0
 
     def gather_gradient(self, gradient: FloatArray) -> FloatArray:
+        """Return for each force the derivative (m, F) over its slack, of those over all slacks (m, K)."""
         return gradient[:, self._slacks]
 
     def sum_over_joints(self, vectors: FloatArray) -> FloatArray:
+        """Return sums (3, m, n) of vectors (3, m, F) by the joints that they act on."""
         summed: FloatArray = vectors @ self._incidence
         return summed
 
@@ -297,7 +299,7 @@ class ClearanceConstraints:
         # A pair of capsules is moved by forces at both of its closest points, a ball by one at its centre.
         slacks = [*range(len(pairs)), *range(len(pairs)), *(len(pairs) + k for k in range(len(balls)))]
         joints = [*(a.joint for a, _ in pairs), *(b.joint for _, b in pairs), *(ball.joint for ball in balls)]
-        self._map = _PointMap(slacks, joints, robot.tree.n)
+        self._map = PointMap(slacks, joints, robot.tree.n)
 
     @property
     def count(self) -> int:
