@@ -16,8 +16,6 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident.recordings.low_pass_decimation import filter_in_parallel
-from dynident.recordings.low_pass_decimation import low_pass_samples as low_pass_samples
-from dynident.recordings.low_pass_decimation import stream_samples as stream_samples
 from dynident.regressors.model_structure import is_in_run
 from dynident.regressors.observation_matrix import FurtherSignals, Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import MOST_VALUES, EquationRows, RestRows, accumulate_equations
@@ -171,7 +169,7 @@ class SampleFunction:
     def read_torque(self, block: SampleBlock) -> FloatArray:
         """Return the torque (m, n) of a block of samples, without that of joints at rest as in the entries."""
         tau, part = block.tau.copy(), _find_used_part(block)
-        if _find_unknown_torques(self._phases, block, part) is not None:
+        if self._phases is not None and self._observation.robot.contacts:
             mixed = np.flatnonzero(find_mixed_joints(self._observation.robot))
             for some, _, elimination in self._list_mixing(block):
                 if elimination is not None:
@@ -182,11 +180,12 @@ class SampleFunction:
     def _list_mixing(self, block: SampleBlock) -> list[Mixing]:
         """Return how contacts mix the equations at the used samples of a block: alike for entries and torques."""
         if self._mixing is None or self._mixing[0] is not block:
-            part = _find_used_part(block)
-            # Where the torques were projected. By filtered positions, a foot is lifted a little earlier or later: its
-            # entries and its torque would be eliminated by different shares.
+            part, unknown = _find_used_part(block), None
+            # Of joints at rest, whose friction is in the equations of others.
+            if self._phases is not None:
+                unknown = self._phases.find_unknown_torques(block.segment, block.t[part]) & block.used[part, None]
+            # Where the torques were projected: by filtered positions, a foot would be lifted earlier or later.
             q = block.q if block.measured_q is None else block.measured_q
-            unknown = _find_unknown_torques(self._phases, block, part)
             self._mixing = block, list(yield_mixing_matrices(self._observation.robot, q[part], unknown))
         return self._mixing[1]
 
@@ -195,14 +194,6 @@ def _find_used_part(block: SampleBlock) -> slice:
     """Return the samples from the first used one to the last."""
     used = np.flatnonzero(block.used)
     return slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0, 0)
-
-
-def _find_unknown_torques(phases: RowPhases | None, block: SampleBlock, part: slice) -> BoolArray | None:
-    """Return (m, n): where the friction of a joint at rest is in the equations of others; None where it never is."""
-    if phases is None:
-        return None
-    unknown = phases.find_unknown_torques(block.segment, block.t[part]) & block.used[part, None]
-    return unknown if unknown.any() else None
 
 
 def stream_filtered_samples(
@@ -293,7 +284,7 @@ def stream_filtered_samples(
         return rows
 
     # Two matrices a sample are kept while a block is evaluated.
-    width = max(torque.stop, 2 * recording.n**2 if observation.robot.contacts else 0)
+    width = max(torque.stop, 2 * recording.n**2 * bool(observation.robot.contacts))
     for segment, t, rows in filter_in_parallel(recording, preprocessing, values, segments, width):
         if not len(t):
             yield FilteredSamples(t, rows, rows, segment)

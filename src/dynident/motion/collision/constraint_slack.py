@@ -235,9 +235,9 @@ class ExactClearances:
         frames, tree = joint_frames(self.robot, q), self.robot.tree
         # Of its own: searches run in several threads, and a check belongs to one.
         check = ContactCheck(self.robot, self.pairs)
-        found = [check.find_closest_points(pair, frames) for pair in self.pairs]
-        distance = np.stack([each for each, _ in found], axis=1)
-        here, there = np.moveaxis(np.stack([points for _, points in found], axis=1), (2, 3), (0, 1))
+        closest = [check.find_closest_points(pair, frames) for pair in self.pairs]
+        distance = np.stack([each for each, _ in closest], axis=1)
+        here, there = np.moveaxis(np.stack([points for _, points in closest], axis=1), (2, 3), (0, 1))
         # Where solids overlap, the distance is negative and its points lie the other way round.
         away = normalise(here - there)[1] * np.where(distance < 0, -1.0, 1.0)
         numbers = [*range(self.count), *range(self.count)]
