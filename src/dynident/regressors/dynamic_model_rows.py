@@ -16,6 +16,8 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.recordings.joint_phases import Phase, PhaseArray
 from dynident.recordings.low_pass_decimation import filter_in_parallel
+from dynident.recordings.low_pass_decimation import low_pass_samples as low_pass_samples
+from dynident.recordings.low_pass_decimation import stream_samples as stream_samples
 from dynident.regressors.model_structure import is_in_run
 from dynident.regressors.observation_matrix import FurtherSignals, Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import MOST_VALUES, EquationRows, RestRows, accumulate_equations
@@ -181,7 +183,6 @@ class SampleFunction:
         """Return how contacts mix the equations at the used samples of a block: alike for entries and torques."""
         if self._mixing is None or self._mixing[0] is not block:
             part, unknown = _find_used_part(block), None
-            # Of joints at rest, whose friction is in the equations of others.
             if self._phases is not None:
                 unknown = self._phases.find_unknown_torques(block.segment, block.t[part]) & block.used[part, None]
             # Where the torques were projected: by filtered positions, a foot would be lifted earlier or later.
@@ -283,8 +284,7 @@ def stream_filtered_samples(
             rows[:, held] = certain & moves
         return rows
 
-    # Two matrices a sample are kept while a block is evaluated.
-    width = max(torque.stop, 2 * recording.n**2 * bool(observation.robot.contacts))
+    width = max(torque.stop, 2 * recording.n**2 * bool(observation.robot.contacts))  # Two matrices a sample are kept.
     for segment, t, rows in filter_in_parallel(recording, preprocessing, values, segments, width):
         if not len(t):
             yield FilteredSamples(t, rows, rows, segment)
