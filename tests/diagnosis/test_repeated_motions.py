@@ -165,6 +165,8 @@ def test_periods_of_one_segment_are_none_of_another_that_has_the_same_times():
     assert first == ()
     assert [(repeat.a, repeat.b) for repeat in second] == [(0, 0)]
     assert second[0].lag == pytest.approx(10.0, abs=0.01)
+    # A diagnosis asks for them some twenty times.
+    assert find_periods(both) is find_periods(both)
 
 
 def test_a_clean_comparison_is_at_the_noise_floor_and_a_lacking_one_above_it(run):

@@ -20,7 +20,7 @@ from dynident.diagnosis.candidates.held_out_scores import (
 )
 from dynident.diagnosis.candidates.inner_product_accumulation import RowAccumulator
 from dynident.diagnosis.candidates.products_of_scored_pairs import RowErrors
-from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products, ProductStack, RowStack
+from dynident.diagnosis.candidates.time_blocks_and_folds import KINDS, Products, ProductStack, RowRuns, RowStack
 from dynident.estimation import PriorInformation
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
@@ -259,3 +259,34 @@ def test_rows_are_multiplied_once_for_all_scores_of_the_same_rows(monkeypatch):
     assert len(added) == 2 * JOINTS
     monkeypatch.setattr(RowStack, "sum_products", None)
     data.sum_products(0, np.arange(3), np.arange(3))
+
+
+def test_products_of_many_pairs_take_little_memory(monkeypatch):
+    random, row_block = np.random.default_rng(5), np.repeat(np.arange(STRETCHES), 50)
+    stack = RowStack(random.normal(size=(len(row_block), 30)), row_block, STRETCHES)
+    places, sizes = np.arange(30), []
+    sum_by_block = RowRuns.sum_by_block
+    monkeypatch.setattr(time_blocks_and_folds, "_MOST_VALUES", 4000)
+    monkeypatch.setattr(
+        RowRuns, "sum_by_block", lambda runs, values: sizes.append(values.size) or sum_by_block(runs, values)
+    )
+    products = stack.take_products(places[:, None], places)
+    assert max(sizes) <= 4000
+    own = stack.columns.T.reshape(STRETCHES, 50, 30)
+    np.testing.assert_allclose(products, own.transpose(0, 2, 1) @ own, atol=1e-12)
+
+
+def test_candidates_are_multiplied_with_the_model_and_their_own_columns_alone(monkeypatch):
+    data, rows, pairs = gathered(1000), [], []
+    add_sums, take_products = RowStack.add_sums, RowStack.take_products
+    monkeypatch.setattr(RowStack, "add_sums", lambda *asked: rows.append(len(asked[2])) or add_sums(*asked))
+    monkeypatch.setattr(RowStack, "take_products", lambda *asked: pairs.append(len(asked[1])) or take_products(*asked))
+    own = np.array(CANDIDATES[-1].columns)
+    for _ in range(2):
+        score_candidates(data, BASE, CANDIDATES, NOISE, "interleaved")
+        squares = data.sum_own_products(0, own)
+    # Once for the two kinds of rows: the columns of the model that each joint has, and Y.
+    assert sorted(rows) == [4, 4, 5, 5, 5, 5]
+    # One, three and six pairs of columns, of which one is the same; of the second joint two columns by themselves.
+    assert sum(pairs) == 2 * (9 + 2 + 9)
+    np.testing.assert_allclose(squares, gathered(1).sum_products(0, own, own))

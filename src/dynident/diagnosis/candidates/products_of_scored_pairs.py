@@ -18,8 +18,6 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import (
     BlockSets,
     Products,
     RowRuns,
-    find_present,
-    locate_columns,
 )
 
 
@@ -256,18 +254,28 @@ class RowBlock:
         """Return the sums over sets of blocks."""
         left = self.needed[: len(self.have) + 1]
         products = self.data.sum_sets(self.joint, sets, left, self.needed)
-        return JointSums(products, tuple(self._sum_pairs(sets, portion) for portion in self.portions))
+        return JointSums(products, self._sum_pairs(sets))
 
-    def _sum_pairs(self, sets: BlockSets, portion: Batch) -> FloatArray:
-        """Return XᵀX (f, g, k, k) within the candidates of a portion."""
-        places = self.place[portion.columns]
-        has = places < self.n_columns
-        member, first, second = np.nonzero(has[:, :, None] & has[:, None, :])
+    def _sum_pairs(self, sets: BlockSets) -> tuple[FloatArray, ...]:
+        """Return XᵀX (f, g, k, k) within the candidates of each portion."""
+        places = [self.place[portion.columns] for portion in self.portions]
+        present = [own < self.n_columns for own in places]
+        # All portions at once: what a joint has of them is often little.
+        entries = [np.nonzero(has[:, :, None] & has[:, None, :]) for has in present]
+        pairs = [
+            np.stack([own[member, k], own[member, other]])
+            for own, (member, k, other) in zip(places, entries, strict=True)
+        ]
         of_x = self.needed[len(self.have) + 1 :]
-        sums = np.zeros((len(sets.members), *places.shape, portion.width))
-        pairs = of_x[places[member, first]], of_x[places[member, second]]
-        sums[:, member, first, second] = self.data.sum_pairs(self.joint, sets, *pairs)
-        return sums
+        firsts, seconds = of_x[np.concatenate([np.zeros((2, 0), dtype=np.intp), *pairs], axis=1)]
+        sums = self.data.sum_pairs(self.joint, sets, firsts, seconds)
+        each, first = [], 0
+        for own, (member, k, other) in zip(places, entries, strict=True):
+            squares = np.zeros((len(sets.members), *own.shape, own.shape[1]))
+            squares[:, member, k, other] = sums[:, first : first + len(member)]
+            each.append(squares)
+            first += len(member)
+        return tuple(each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -431,3 +439,25 @@ class JointBlock(Protocol):
 
     def sum_sets(self, sets: BlockSets) -> JointSums:
         """Return the sums over sets of blocks."""
+
+
+def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Return where columns stand among those that a joint has.
+
+    Returns
+    -------
+    tuple of (c,), (x,)
+        Number of each column among the x that the joint has, x where it lacks it; and the places of these x.
+    """
+    have, places = find_present(where, columns)
+    place = np.full(len(columns), len(have), dtype=np.intp)
+    place[have] = np.arange(len(have))
+    return place, places
+
+
+def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Return which of `columns` (c,) a joint has, and where in its products they stand."""
+    # An empty list of columns makes an array of floats, which is no index.
+    places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
+    have = np.flatnonzero(places >= 0)
+    return have, places[have]

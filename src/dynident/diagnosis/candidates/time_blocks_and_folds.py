@@ -1,6 +1,6 @@
 """Inner products of columns and Y by block of time, and the folds of these blocks over which candidates are scored.
 
-Holds the number of folds (5, and 10 parts), and when whole runs can be left out.
+Holds the number of folds (5, and 10 parts).
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ KINDS = ("interleaved", "contiguous")
 # Numbers of folds: a model is fitted once a fold, and loses that share of the data.
 N_FOLDS = 5
 N_PARTS = 10
-# Share of a column's squares in one fold from which on the others do not determine its parameter.
-NEARLY_ALL = 0.9
 MOST_PRODUCTS = 2**26
 """Numbers, 0.5 GB: of a machine with more of them, rows are kept as long as they are fewer numbers, and in four bytes
 each: these round a value by 6e-8 of itself, and sensors are a thousand times as noisy."""
 # Of rows: where a joint moves, at reversals, and beside halts.
 _ROW_KINDS = 3
+# Numbers of pairs of columns that are multiplied at once.
+_MOST_VALUES = 2**16
 
 
 T = TypeVar("T")
@@ -149,6 +149,34 @@ class BlockSets:
         return range(first, first + int(counts[place]))
 
 
+@dataclass(frozen=True, eq=False)
+class _KeptRows:
+    """Products over sets of blocks of some columns with all p + 1, and where each column stands among these.
+
+    Parameters
+    ----------
+    sums : (sets, r, p + 1)
+        The products.
+    place : (p + 1,)
+        Number of each column among the r; -1 for others.
+    """
+
+    sums: FloatArray
+    place: IndexArray
+
+    def append(self, columns: IndexArray, sums: FloatArray) -> _KeptRows:
+        """Return them with the products (sets, k, p + 1) of more columns (k,)."""
+        place, r = self.place.copy(), self.sums.shape[1]
+        place[columns] = r + np.arange(len(columns))
+        return _KeptRows(np.concatenate([self.sums, sums], axis=1) if r else sums, place)
+
+    def take(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (sets, *shape) at these places, whose shapes are broadcast."""
+        # One flat index instead of three: four times as fast.
+        places = self.place[rows] * self.sums.shape[2] + columns
+        return np.asarray(self.sums.reshape(len(self.sums), -1).take(places, axis=1))
+
+
 class RowStack:
     """The rows [W | Y] themselves.
 
@@ -168,7 +196,8 @@ class RowStack:
 
     def __init__(self, values: FloatArray, row_block: IndexArray, n_blocks: int) -> None:
         self.columns, self._runs = np.ascontiguousarray(values.T), RowRuns(row_block, n_blocks)
-        self._sums: FloatArray | None = None
+        self._kept_rows = _KeptRows(np.zeros((0, 0, 0)), np.full(len(self.columns), -1, dtype=np.intp))
+        self._kept_pairs = np.zeros(0, dtype=np.intp), np.zeros((0, 0))
 
     def add_sums(
         self, sets: BlockSets, rows: IndexArray | slice, columns: IndexArray | slice, sums: FloatArray
@@ -180,12 +209,36 @@ class RowStack:
             for number in np.flatnonzero(sets.members[:, cell]):
                 sums[number] += own
 
-    def get_sums(self, sets: BlockSets) -> FloatArray:
-        """Return the products (sets, p + 1, p + 1) of all columns; they are kept."""
-        if self._sums is None:
-            self._sums = np.zeros((len(sets.members), len(self.columns), len(self.columns)))
-            self.add_sums(sets, slice(None), slice(None), self._sums)
-        return self._sums
+    def take_sums(self, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (sets, k, l) of some columns, such as a model has, with others.
+
+        Those with all columns are kept; candidates, of which there are many more, are never asked for with each other.
+        """
+        known = self._kept_rows
+        missing = rows[known.place[rows] < 0]
+        if len(missing):
+            sums = np.zeros((len(sets.members), len(missing), len(self.columns)))
+            self.add_sums(sets, missing, slice(None), sums)
+            known = self._kept_rows = known.append(missing, sums)
+        return known.take(rows[:, None], columns)
+
+    def take_pair_sums(self, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the products (sets, l) of pairs (l,) of columns; they are kept."""
+        if (self._kept_rows.place[rows] >= 0).all():
+            return self._kept_rows.take(rows, columns)
+        keys, sums = self._kept_pairs
+        # A product is the same in both orders.
+        numbers = np.minimum(rows, columns) * len(self.columns) + np.maximum(rows, columns)
+        places = np.searchsorted(keys, numbers)
+        is_missing = np.append(keys, -1)[places] != numbers
+        if is_missing.any():
+            new = np.unique(numbers[is_missing])
+            products = self.take_products(*np.divmod(new, len(self.columns)))
+            own = np.tensordot(sets.members[:, sets.cells], products, 1)
+            keys, order = np.unique(np.concatenate([keys, new]), return_index=True)
+            sums = np.concatenate([sums.reshape(len(own), -1), own], axis=1)[:, order]
+            self._kept_pairs, places = (keys, sums), np.searchsorted(keys, numbers)
+        return sums.take(places, axis=1)
 
     def sum_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (k, l) over all blocks, at some places."""
@@ -209,8 +262,13 @@ class RowStack:
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (s, *shape) at these places, whose shapes are broadcast."""
         first, second = np.broadcast_arrays(rows, columns)
-        each = self.columns[first.ravel()].astype(np.float64, copy=False) * self.columns[second.ravel()]
-        return self._runs.sum_by_block(each).T.reshape(self._runs.n_blocks, *first.shape)
+        products, pairs = np.empty((first.size, self._runs.n_blocks)), np.stack([first.ravel(), second.ravel()])
+        # A few pairs at a time: their rows stay in the cache, and take little memory however many pairs there are.
+        together = max(1, _MOST_VALUES // max(1, self.columns.shape[1]))
+        for k in range(0, first.size, together):
+            left, right = (self.columns[own].astype(np.float64, copy=False) for own in pairs[:, k : k + together])
+            products[k : k + together] = self._runs.sum_by_block(left * right)
+        return products.T.reshape(self._runs.n_blocks, *first.shape)
 
 
 class ProductStack:
@@ -292,12 +350,25 @@ class Products:
         return len(self.stacks)
 
     def sum_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (k, l) of a joint over all blocks, at some of its places."""
-        if self._has_few_sums and len(self.list_row_stacks(joint)) == len(self.stacks[joint]):
+        """Return the products (k, l) of a joint over all blocks, of some of the model's places with others."""
+        if self._keeps_all_sums(joint):
             # The first set is all blocks.
-            return np.asarray(self._take_sums(joint, rows[:, None], columns)[0])
+            return np.asarray(self._take_sums(joint, rows, columns)[0])
+        return self._sum_stacks(joint, rows, columns)
+
+    def sum_own_products(self, joint: int, columns: IndexArray) -> FloatArray:
+        """Return the products (k, k) of a joint over all blocks, of the places of a candidate's columns."""
+        if self._keeps_all_sums(joint):
+            pairs = np.repeat(columns, len(columns)), np.tile(columns, len(columns))
+            return np.asarray(self._take_pair_sums(joint, *pairs)[0].reshape(len(columns), -1))
+        return self._sum_stacks(joint, columns, columns)
+
+    def _sum_stacks(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         first, *others = (stack.sum_products(rows, columns) for stack in self.stacks[joint])
         return sum(others, first)
+
+    def _keeps_all_sums(self, joint: int) -> bool:
+        return self._has_few_sums and len(self.list_row_stacks(joint)) == len(self.stacks[joint])
 
     def find_cached(self, key: Hashable, build: Callable[[], T]) -> T:
         """Return what was built from these products under this key, or build it."""
@@ -325,7 +396,7 @@ class Products:
     def sum_sets(self, joint: int, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (sets, k, l) of a joint's rows over sets of blocks, at some of its places."""
         if self._keeps_sums(sets):
-            return self._take_sums(joint, rows[:, None], columns)
+            return self._take_sums(joint, rows, columns)
         sums = np.zeros((len(sets.members), len(rows), len(columns)))
         for stack in self.list_row_stacks(joint):
             stack.add_sums(sets, rows, columns, sums)
@@ -334,7 +405,7 @@ class Products:
     def sum_pairs(self, joint: int, sets: BlockSets, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (sets, l) of pairs (l,) of a joint's columns over sets of blocks."""
         if self._keeps_sums(sets):
-            return self._take_sums(joint, rows, columns)
+            return self._take_pair_sums(joint, rows, columns)
         return np.asarray(np.tensordot(sets.members[:, sets.cells], self.take_products(joint, rows, columns), 1))
 
     def list_row_stacks(self, joint: int) -> list[RowStack]:
@@ -347,17 +418,21 @@ class Products:
 
     @cached_property
     def _has_few_sums(self) -> bool:
-        """Whether the sums of all columns are few numbers, of all kinds of rows: where joints are few."""
+        """Whether the sums would be few numbers even of all columns, and of all kinds of rows: where joints are few."""
         squares = sum((int((where >= 0).sum()) + 1) ** 2 for where in self.position)
         return _ROW_KINDS * len(self.sets.members) * squares <= MOST_PRODUCTS
 
     def _take_sums(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the kept products (sets, *shape) of a joint's rows at these places, whose shapes are broadcast."""
-        kinds = [stack.get_sums(self.sets) for stack in self.list_row_stacks(joint)]
-        wide = kinds[0].shape[2]
-        # One flat index instead of three: four times as fast. The last place may be called -1.
-        places = rows % wide * wide + columns % wide
-        first, *others = (sums.reshape(len(sums), -1).take(places, axis=1) for sums in kinds)
+        """Return the kept products (sets, k, l) of some of the model's places of a joint with others."""
+        stacks = self.list_row_stacks(joint)
+        # The last place may be called -1.
+        rows, columns = (places % len(stacks[0].columns) for places in (rows, columns))
+        first, *others = (stack.take_sums(self.sets, rows, columns) for stack in stacks)
+        return np.asarray(sum(others, first))
+
+    def _take_pair_sums(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
+        """Return the kept products (sets, l) of pairs (l,) of places of a joint."""
+        first, *others = (stack.take_pair_sums(self.sets, rows, columns) for stack in self.list_row_stacks(joint))
         return np.asarray(sum(others, first))
 
     def number_sets(self, kinds: Sequence[str]) -> BlockSets:
@@ -416,48 +491,5 @@ def order_by_folds(folds: IndexArray) -> IndexArray:
     return np.lexsort(folds[::-1])
 
 
-def can_leave_out_runs(data: Products, base: IndexArray) -> bool:
-    """Return whether there are several runs, and the columns of a model are known without any one of them."""
-    runs = split_data_folds(data, "runs")
-    return len(runs) > 1 and not any(_holds_nearly_all(data, base, run) for run in runs)
-
-
 def _split_tenths(blocks: IndexArray) -> list[IndexArray]:
     return [part for part in np.array_split(blocks, min(N_PARTS, len(blocks))) if len(part)]
-
-
-def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
-    """Return whether a fold holds a whole run and with it nearly all that some column of the model shows."""
-    # Only a fold that holds all blocks of a run can take what a column shows out of the data.
-    outside = np.delete(data.run, part)
-    if not set(data.run[part]) - set(outside):
-        return False
-    inside, whole = np.zeros(len(base)), np.zeros(len(base))
-    for joint, where in enumerate(data.position):
-        have, places = find_present(where, base)
-        squares = data.take_products(joint, places, places)
-        inside[have] += squares[part].sum(axis=0)
-        whole[have] += squares.sum(axis=0)
-    return bool((inside > NEARLY_ALL * whole).any())
-
-
-def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return where columns stand among those that a joint has.
-
-    Returns
-    -------
-    tuple of (c,), (x,)
-        Number of each column among the x that the joint has, x where it lacks it; and the places of these x.
-    """
-    have, places = find_present(where, columns)
-    place = np.full(len(columns), len(have), dtype=np.intp)
-    place[have] = np.arange(len(have))
-    return place, places
-
-
-def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return which of `columns` (c,) a joint has, and where in its products they stand."""
-    # An empty list of columns makes an array of floats, which is no index.
-    places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
-    have = np.flatnonzero(places >= 0)
-    return have, places[have]

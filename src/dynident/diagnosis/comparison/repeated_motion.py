@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy
@@ -127,10 +128,19 @@ def load_tracks(recording: Recording) -> tuple[Track, ...]:
     return tuple(track for own in _load_tracks_by_segment(recording) for track in own)
 
 
-def find_periods(recording: Recording) -> tuple[tuple[Repeat, ...], ...]:
-    """Find where the motion of each segment is repeated within the segment."""
-    repeats_by_segment = (find_own_repeats(own) for own in _load_tracks_by_segment(recording))
-    return tuple(tuple(repeat for repeat in repeats if repeat.a == repeat.b) for repeats in repeats_by_segment)
+Repeats = tuple[tuple[Repeat, ...], ...]
+"""Repeated intervals of each segment."""
+
+# Found once for each recording, and kept as long as it lives: every gathering of products asks for them.
+_periods: WeakKeyDictionary[Recording, Repeats] = WeakKeyDictionary()
+
+
+def find_periods(recording: Recording) -> Repeats:
+    """Find where the motion of each segment is repeated within the segment, once for each recording."""
+    if recording not in _periods:
+        repeats_by_segment = [find_own_repeats(own) for own in _load_tracks_by_segment(recording)]
+        _periods[recording] = tuple(tuple(own for own in repeats if own.a == own.b) for repeats in repeats_by_segment)
+    return _periods[recording]
 
 
 def _load_tracks_by_segment(recording: Recording) -> list[list[Track]]:

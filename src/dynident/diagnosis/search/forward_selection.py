@@ -252,20 +252,18 @@ def place_finding(finding: Finding, choice: EffectChoice, pool: Pool, model: Mod
 
 def _list_remaining(pool: Pool, findings: Sequence[Finding]) -> list[Candidate]:
     """List the candidates that are still to be tried beside these findings."""
-    candidates, known = pool.initial_candidates, set[str]()
+    candidates, known = dict.fromkeys(pool.initial_candidates), set[str]()
     for finding in findings:
         chosen = finding.judged.candidate
         reached = {pool.observation.robot.joint_names[j] for j in finding.judged.joints}
         # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
         known.update(chosen.joints if is_of_position(finding) else ())
-        candidates += [
-            other
-            for other in pool.candidates
-            if other in pool.faint and set(other.joints) <= reached - known and other not in candidates
-        ]
+        candidates |= dict.fromkeys(
+            other for other in pool.candidates if other in pool.faint and set(other.joints) <= reached - known
+        )
         # What the finding says is no candidate on its joints any more.
-        candidates = [other for other in candidates if not _is_superseded(other, chosen, reached)]
-    return candidates
+        candidates = {other: None for other in candidates if not _is_superseded(other, chosen, reached)}
+    return list(candidates)
 
 
 def _is_superseded(candidate: Candidate, chosen: Candidate, reached: set[str]) -> bool:
@@ -275,17 +273,17 @@ def _is_superseded(candidate: Candidate, chosen: Candidate, reached: set[str]) -
     """
     if candidate.columns == chosen.columns:
         return True
-    effect = get_effect(candidate.effect)
+    effect, mine = get_effect(candidate.effect), get_effect(chosen.effect)
     # What rubs more under a load that was added rubs under any load: that is friction of all runs, and no change.
-    if get_effect(chosen.effect).in_some_runs and effect.is_friction and effect.needs_load:
+    if mine.in_some_runs and effect.is_friction and effect.needs_load:
         return bool(candidate.runs) and candidate.runs == chosen.runs
-    if candidate.effect in get_effect(chosen.effect).covers and _is_slow_wave(candidate):
+    if candidate.effect in mine.covers and _is_slow_wave(candidate):
         return set(candidate.joints) <= reached
-    if candidate.effect != chosen.effect or bool(candidate.runs) != bool(chosen.runs):
+    if effect is not mine or bool(candidate.runs) != bool(chosen.runs):
         return False
-    if get_effect(candidate.effect).in_some_runs:
+    if effect.in_some_runs:
         return bool(set(candidate.runs) & set(chosen.runs)) or candidate.runs == chosen.runs
-    if get_effect(candidate.effect).proposal != "grid":
+    if effect.proposal != "grid":
         same = candidate.joints == chosen.joints and candidate.shape == chosen.shape
         return same and (not chosen.runs or candidate.runs == chosen.runs)
     return not candidate.joints or bool(set(candidate.joints) & set(chosen.joints))

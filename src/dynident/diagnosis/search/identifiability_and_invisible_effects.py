@@ -12,8 +12,9 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_held_out_errors, score_fitted
+from dynident.diagnosis.candidates.products_of_scored_pairs import find_present
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import DetectionLimit, Invisible
 from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason

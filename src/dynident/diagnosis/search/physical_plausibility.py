@@ -16,8 +16,9 @@ from scipy.linalg import lapack
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.candidate_pool import Pool
 from dynident.diagnosis.candidates.held_out_scores import compute_deviations
+from dynident.diagnosis.candidates.products_of_scored_pairs import find_present
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.candidates.time_blocks_and_folds import Products, find_present
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.search_state import State
@@ -237,7 +238,7 @@ class _ModelFit:
 
     @classmethod
     def from_products(cls, data: Products, base: tuple[int, ...], noise: FloatArray) -> _ModelFit:
-        _, normal, right = _sum_products(data, (), base, noise)
+        _, normal, right = _sum_products(data, base, base, noise)
         scale = _take_sizes(normal)
         sizes, directions = np.linalg.eigh(normal / np.outer(scale, scale))
         least = _RANK * float(sizes.max(initial=1.0))
@@ -257,11 +258,11 @@ def _sum_products(
         if not len(have):
             continue
         known, known_places = find_present(where, columns)
-        total = data.sum_products(joint, np.concatenate([known_places, places, [-1]]), np.append(places, -1))
-        total /= sigma**2
-        mixed[known[:, None], have] += total[: len(known), :-1]
-        squares[have[:, None], have] += total[len(known) : -1, :-1]
-        right[have] += total[len(known) : -1, -1]
+        # Y stands last.
+        total = data.sum_products(joint, np.append(known_places, -1), places) / sigma**2
+        mixed[known[:, None], have] += total[:-1]
+        squares[have[:, None], have] += data.sum_own_products(joint, places) / sigma**2
+        right[have] += total[-1]
     if data.known is not None:
         more, more_right = data.known.compute_products(own_columns, np.diag(squares))
         squares, right = squares + more, right + more_right

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.candidates.held_out_scores import FoldedFits, JointBlocks, score_folds
+from dynident.diagnosis.candidates.products_of_scored_pairs import find_present
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.candidates.time_blocks_and_folds import NEARLY_ALL, can_leave_out_runs
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_data_folds
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search.acceptance_rules import compute_gain_over_floor, get_least_gain, is_shadowed
@@ -28,6 +29,8 @@ from dynident.recordings import Preprocessing
 from dynident.regressors.model_structure import Model
 from dynident.regressors.observation_matrix import RegressorInputs
 
+# Share of a column's squares in one run from which on the others do not determine its parameter.
+_NEARLY_ALL = 0.9
 _SHOWN = 1e-6
 """Share of the squares of what the data show best of a finding, below which they show a combination not at all."""
 
@@ -55,13 +58,26 @@ def _is_harmless(state: State, own: tuple[int, ...]) -> bool:
     blocks = JointBlocks.from_products(rows, state.columns, finding)
     fits = None
     # Whole runs are the harder test: they are other motions, or other days.
-    if can_leave_out_runs(rows, larger.columns):
+    if _can_leave_out_runs(rows, larger.columns):
         by_runs = FoldedFits.from_blocks(rows, blocks, noise, ("runs",))
         fits = by_runs if _is_shown_by_several_runs(by_runs) else None
     fits = fits or FoldedFits.from_blocks(rows, blocks, noise, ("parts",))
     (((before, (score,)),), _) = score_folds(rows, fits, finding, noise, by_parameters=False)
     # As in scoring, no loss counts for more than there was: a part left out may be what decides.
     return not _is_harmful(before / noise**2, np.minimum(score.after, 2.0 * before) / noise**2)
+
+
+def _can_leave_out_runs(data: Products, base: IndexArray) -> bool:
+    """Return whether there are several runs, and the columns of a model are known without any one of them."""
+    runs = split_data_folds(data, "runs")
+    if len(runs) < 2:
+        return False
+    inside = np.zeros((len(runs), len(base)))
+    for joint, where in enumerate(data.position):
+        have, places = find_present(where, base)
+        squares = data.take_products(joint, places, places)
+        inside[:, have] += [squares[run].sum(axis=0) for run in runs]
+    return not bool((inside > _NEARLY_ALL * inside.sum(axis=0)).any())
 
 
 def _is_shown_by_several_runs(fits: FoldedFits) -> bool:
@@ -78,7 +94,7 @@ def _is_shown_by_several_runs(fits: FoldedFits) -> bool:
     if not shown.any():
         return False
     whitening = directions[:, shown] / np.sqrt(sizes[shown]) / scale[:, None]
-    return all(np.linalg.eigvalsh(whitening.T @ own @ whitening)[0] > 1.0 - NEARLY_ALL for own in without_each)
+    return all(np.linalg.eigvalsh(whitening.T @ own @ whitening)[0] > 1.0 - _NEARLY_ALL for own in without_each)
 
 
 def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
