@@ -33,8 +33,8 @@ import numpy as np
 from engine.scene import Scene, dof_of
 
 import dynident as dy
-from dynident.advice.campaign import Decision, add_run, plan_run, start_campaign
-from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.campaign import add_run, plan_run, start_campaign
+from dynident.advice.campaign_request import CampaignRequest, Decision
 from dynident.advice.payload_goal import select_payload_errors
 from dynident.diagnosis import diagnose
 from dynident.effects import LINKS, ReferenceParameters, Signals, build_columns

@@ -18,14 +18,16 @@ from typer.testing import CliRunner
 
 import dynident as dy
 from dynident.advice.campaign import PlannedRun, _predict_end, add_run, decide, plan_run, start_campaign
-from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.campaign_request import CampaignRequest, list_designs
 from dynident.advice.payload_goal import PayloadErrors
 from dynident.advice.prediction_error import (
     RegionRows,
+    RunErrors,
     _pool_inflation,
     build_measure,
     compare_with_run,
     compute_effect_errors,
+    compute_lacking,
     compute_region_rows,
     evaluate_rows,
     predict_errors,
@@ -41,6 +43,7 @@ from dynident.excitation.design_result import expect_recording, follows_design
 from dynident.excitation.expected_torque import ExpectedTorque
 from dynident.identification import identify
 from dynident.motion.limits.bounds import slow_down_limits
+from dynident.recordings import choose_preprocessing
 from dynident.recordings.row_storage import load_stored_samples
 from dynident.reports.figures.design import draw_campaign
 from dynident.simulation import (
@@ -83,10 +86,14 @@ def recorded(design, name: str, hidden: str = "", silent: int | None = None):
 @cache
 def first_run(harmonics: int = DESIGN.trajectory.harmonics):
     """A campaign after its first run, the plan of that run, and the plan of the next."""
-    design = replace(DESIGN, trajectory=replace(DESIGN.trajectory, harmonics=harmonics))
-    start = start_campaign(ARM, replace(REQUEST, design=design))
+    # A slow run is half as long as a run may be; an error that no run reaches makes the next one as long as it may be.
+    requests = [
+        replace(DESIGN, trajectory=replace(DESIGN.trajectory, harmonics=harmonics, duration=duration))
+        for duration in (12.0, 6.0)
+    ]
+    start, then = (start_campaign(ARM, replace(REQUEST, error=1e-4, design=design)) for design in requests)
     plan = plan_run(start)
-    state = add_run(start, recorded(plan.design, "run1"), plan)
+    state = add_run(replace(start, request=then.request), recorded(plan.design, "run1"), plan)
     return plan, state, plan_run(state)
 
 
@@ -98,6 +105,56 @@ def test_a_motion_begins_near_home_where_that_costs_little():
     planned, plain = plan_run(state).design, design_experiment(state.robot, requested)
     moves = [design.duration - (design.exciting[1] - design.exciting[0]) for design in (planned, plain)]
     assert moves[0] < 0.5 * moves[1]
+
+
+def test_a_run_is_as_long_as_the_goal_needs_and_the_time_that_is_left_allows():
+    plan, state, longest = first_run()
+    assert measure_motion(plan) == pytest.approx(6.0, abs=0.1)
+    easy = plan_run(replace(state, request=replace(state.request, error=0.02)))
+    assert (easy.promised <= 0.02).all()
+    short = replace(state.request, minutes=(state.seconds + 5.0) / 60)
+    lengths = [measure_motion(planned) for planned in (easy, longest, plan_run(replace(state, request=short)))]
+    assert lengths == pytest.approx([3.0, 6.0, 3.0], abs=0.1)
+
+
+def measure_motion(planned) -> float:
+    """Return the time of a planned motion without the moves from and to home, s."""
+    start, end = planned.design.exciting
+    return end - start
+
+
+def test_shorter_runs_keep_the_highest_frequency_and_the_usual_number_of_harmonics():
+    def count(**changes):
+        trajectory = replace(DESIGN.trajectory, **{"duration": 10.0, "harmonics": 12, **changes})
+        designs = list_designs(replace(DESIGN, trajectory=trajectory))
+        return [(d.trajectory.duration, d.trajectory.periods, d.trajectory.harmonics) for d in designs]
+
+    assert count() == [(2.5, 1, 5), (5.0, 1, 6), (10.0, 1, 12)]
+    assert count(harmonics=3) == [(2.5, 1, 3), (5.0, 1, 3), (10.0, 1, 3)]
+    assert count(periods=4) == [(10.0, 1, 12), (10.0, 2, 12), (10.0, 4, 12)]
+    # A run of a second is mostly ends; a motion from point to point has no duration of its own.
+    assert count(duration=4.0) == [(2.0, 1, 6), (4.0, 1, 12)]
+    assert count(family="point_to_point") == [(10.0, 1, 12)]
+    assert count(sampling_rate=6.0) == [(5.0, 1, 6), (10.0, 1, 12)]
+
+
+def test_the_figure_counts_short_campaigns_in_seconds():
+    _, state, _ = first_run()
+    assert "robot time (s)" in draw_campaign(state)
+    long = replace(state, runs=tuple(replace(run, seconds=200.0) for run in state.runs))
+    assert "robot time (min)" in draw_campaign(long)
+
+
+def test_what_a_model_lacks_counts_all_runs_by_their_time():
+    def run(excess: float, scatter: float, seconds: float) -> RunErrors:
+        return RunErrors(np.zeros(1), np.array([excess]), np.array([scatter]), np.array([seconds]))
+
+    # A short run with a large residual by chance, after a long one without.
+    short, long = run(4.0, 1.0, 1.0), run(0.0, 0.5, 9.0)
+    assert compute_lacking([short]) == pytest.approx([np.sqrt(4.0 - 1.645)])
+    assert compute_lacking([long, short]) == pytest.approx([0.0])
+    assert compute_lacking([run(4.0, 1.0, 5.0)] * 2) == pytest.approx([np.sqrt(4.0 - 1.645 / np.sqrt(2))])
+    assert compute_lacking([run(0.0, 0.0, 0.0)]) == pytest.approx([0.0])
 
 
 def read_positions(recording):
@@ -198,6 +255,26 @@ def test_a_promise_counts_rows_at_reversals_by_their_weight():
     assert promise(1.0).sum() < own.sum() < promise(0.01).sum()
 
 
+def test_a_promise_filters_the_planned_motion_as_its_recording_will_be():
+    _, state, following = first_run(TrajectoryRequest.harmonics)
+    model, rows, last = (
+        state.identification,
+        compute_region_rows(state.identification, state.region),
+        state.recordings[-1],
+    )
+    expected = choose_preprocessing((last, expect_recording(following.design, last)))
+    actual = choose_preprocessing((last, recorded(following.design, "run2")))
+    assert expected.torque_cutoff == pytest.approx(actual.torque_cutoff, rel=0.05)
+    own = predict_errors(model, rows, following.design, last)
+    # Filters that the caller chose stay; three times as many rows, with three times the variance, tell as much.
+    wide = replace(model.preprocessing, torque_cutoff=39.0, position_cutoff=54.0, decimation=1)
+    assert model.preprocessing.decimation == 3
+    fixed = replace(model, choices=replace(model.choices, preprocessing=wide))
+    filtered_less = predict_errors(fixed, rows, following.design, last)
+    assert not np.allclose(own, filtered_less, rtol=1e-3)
+    assert own == pytest.approx(filtered_less, rel=0.25)
+
+
 def test_a_poor_last_motion_does_not_bound_what_the_time_that_is_left_brings():
     _, state, following = first_run()
     rows = compute_region_rows(state.identification, state.region)
@@ -230,8 +307,9 @@ def test_a_joint_that_stuck_at_its_reversals_is_expected_to_stick_at_those_of_th
     fast = replace(design, t=design.t / 4, dq=4 * design.dq, ddq=16 * design.ddq)
     holds = []
     for plan in (design, fast):
-        path = read_positions(expect_recording(plan, stuck))[int(plan.t[turns[1][3]] / held.period) + 2 :, 1]
-        holds.append(int(np.argmax(np.abs(np.diff(path)) > 1e-9)))
+        positions = read_positions(expect_recording(plan, stuck))[:, 1]
+        paths = [positions[int(plan.t[k] / held.period) + 2 :] for k in turns[1]]
+        holds.append(max(int(np.argmax(np.abs(np.diff(path)) > 1e-9)) for path in paths))
     assert 0 < 2 * holds[1] < holds[0]
     # One that seems to stick at half of them lingers there by itself; it is not expected to stick.
     for k in turns[1][::2]:
@@ -310,7 +388,7 @@ def test_chance_is_no_lack_of_the_model_and_a_missing_effect_is_one():
                 for k, design in enumerate((plan.design, following.design))
             ]
             model = identify(ARM, runs, (), REQUEST.choices)
-            lacking += [compare_with_run(model, run).lacking for run in runs]
+            lacking += [compute_lacking([compare_with_run(model, run)]) for run in runs]
         seen[hidden] = np.array(lacking)
     # Six pairs of runs of four joints: with 95 % probability each.
     assert np.count_nonzero(seen[""]) <= 5
@@ -378,8 +456,8 @@ def test_a_run_is_told_once_and_only_motions_of_all_joints_add_up():
         add_run(state, state.recordings[0])
     with pytest.raises(dy.DynidentError, match="all joints"):
         start_campaign(ARM, replace(REQUEST, design=replace(DESIGN, kind="reversals")))
-    with pytest.raises(dy.DynidentError, match="one run takes 6 s, and all together may take 3 s"):
-        start_campaign(ARM, replace(REQUEST, minutes=0.05))
+    with pytest.raises(dy.DynidentError, match=r"one run takes 3 s, and all together may take 1\.8 s"):
+        start_campaign(ARM, replace(REQUEST, minutes=0.03))
     warm = replace(REQUEST.choices, effects=(*REQUEST.choices.effects, dy.EffectChoice("temperature_friction")))
     with pytest.raises(dy.DynidentError, match="temperature_friction depends on more than the motion"):
         start_campaign(ARM, replace(REQUEST, choices=warm))
@@ -594,7 +672,7 @@ def test_the_torque_that_a_design_keeps_counts_the_load():
         ({"goal": "payload", "quantities": ("mass", "mass")}, "each once"),
         ({"goal": "payload", "quantities": ("weight",)}, "a load has no weight; choose of mass, centre_x"),
         ({"goal": "payload", "quantities": ("centre_z",)}, "no motion of this robot shows the centre z"),
-        ({"goal": "payload", "unloaded_runs": 50}, "51 runs, the last with the load, take 306 s"),
+        ({"goal": "payload", "unloaded_runs": 100, "runs": 200}, "101 runs, the last with the load, take 303 s"),
         ({"goal": "parameters", "parameters": ("m1",)}, "there is no base parameter m1; there are: ZZ1"),
         ({"goal": "effects"}, "no effect is named"),
         ({"goal": "effects", "decide": ("warm_up_friction",)}, "depends on more than the motion"),

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from dynident.estimation import FactorAccumulator, PriorInformation, Reduction, linearise_constants, solve, statistics
+from dynident.estimation import (
+    FactorAccumulator,
+    PriorInformation,
+    Reduction,
+    linearise_constants,
+    parameter_covariance,
+    solve,
+    statistics,
+)
 from dynident.estimation.least_squares import compute_correlated_noise
 
 STRETCHES, PER_STRETCH = 20, 50
@@ -46,7 +54,9 @@ def estimated(data: Decay):
     return best, solve(data.reduction(best, shaped=False), np.array([SIGMA]))
 
 
-def test_deviations_are_those_of_nonlinear_refits_without_each_stretch():
+def test_deviations_are_those_of_nonlinear_refits_without_each_stretch(monkeypatch):
+    # Refits tell nothing of stretches that depend on their neighbours, which twenty may seem to do by chance.
+    monkeypatch.setattr(parameter_covariance, "compute_neighbour_growth", lambda steps: np.ones(steps[0].shape[1]))
     data = Decay()
     best, solution = estimated(data)
     stretch = np.floor(data.t + 1e-9).astype(int)

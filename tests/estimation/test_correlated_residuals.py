@@ -22,8 +22,10 @@ from dynident.estimation import (
 )
 from dynident.estimation.residual_correlation import (
     compute_correlation_factors,
+    compute_neighbour_growth,
     count_correlation_freedom,
     count_effective_rows,
+    count_growth_worth,
     join_dependent_blocks,
     select_fits,
 )
@@ -247,6 +249,21 @@ def test_intervals_hold_the_truth_on_average_and_less_often_for_a_constant(memor
     # A constant is what slow residuals resemble most. Blocks are joined until no dependence is significant over all
     # columns together, which is too early for one of them: its intervals are too narrow.
     assert np.mean(held, axis=0).min() >= least
+
+
+def test_variances_grow_as_those_of_sums_over_neighbours_that_depend_on_each_other():
+    rng = np.random.default_rng(5)
+    steps = np.column_stack([smooth(rng, (4000, 1), pole) for pole in (0.0, 0.6, 0.99)])
+    # (1 + ρ) / (1 - ρ), up to a correlation of 0.9.
+    assert compute_neighbour_growth([steps]) == pytest.approx([1.0, 4.0, 19.0], rel=0.1)
+    # Groups do not follow each other: of two samples each, one pair is left.
+    assert compute_neighbour_growth([steps[:2], steps[2:4]])[0] == compute_neighbour_growth([steps[2:4], steps[:2]])[0]
+    # Twenty independent ones grow little by chance, and their order would be all that tells.
+    chance = [compute_neighbour_growth([rng.standard_normal((20, 8))]) for _ in range(200)]
+    assert 1.0 <= np.mean(chance) < 1.15
+    assert compute_neighbour_growth([np.zeros((0, 3))]).tolist() == [1.0] * 3
+    # Of 100 samples with ρ = 0.5, a variance is known as of 60 independent ones.
+    assert count_growth_worth(np.array([3.0]), np.array([1.0])) == pytest.approx([0.6])
 
 
 def test_blocks_are_joined_only_where_neighbours_depend_on_each_other():

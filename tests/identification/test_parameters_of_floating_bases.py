@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
@@ -33,7 +35,8 @@ from dynident.effects import LINKS, EffectChoice, ReferenceParameters, Signals, 
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.identified_models.recursive_identification import RecursiveIdentification
-from dynident.recordings import Preprocessing
+from dynident.recordings import Preprocessing, Recording, SampleBlock
+from dynident.regressors.dynamic_model_rows import SampleFunction
 from dynident.regressors.observation_matrix import Observation, RegressorInputs
 from dynident.regressors.row_phases import have_same_instants
 from dynident.robot import Robot, contacts
@@ -100,6 +103,30 @@ def test_the_projection_of_a_sample_is_computed_once_for_all_columns(
         observation.evaluate(q, q, q, reference=ReferenceParameters.massless(robot), memory=np.zeros((100, 0)))
         # Nor is it kept: of a humanoid, some hundred megabytes would be.
         assert sum(projected) == len(q)
+
+
+def test_columns_are_projected_at_the_positions_at_which_torques_were(tmp_path: Path) -> None:
+    (tmp_path / "walker.urdf").write_text(WALKER)
+    floating = dy.set_base(dy.load_robot(tmp_path / "walker.urdf"), "floating")
+    robot = dy.set_base(floating, "floating", ["shin"])
+    rng = np.random.default_rng(4)
+    measured = rng.uniform(-0.3, 0.3, (50, robot.n))
+    q, dq, ddq = np.stack([measured, measured, measured]) + rng.normal(0.0, 0.05, (3, *measured.shape))
+    block = SampleBlock(
+        segment=0, t=0.01 * np.arange(50), q=q, dq=dq, ddq=ddq, dddq=ddq, ddddq=ddq, tau=np.zeros_like(q),
+        used=np.ones(50, dtype=bool), temperature=None, starts_segment=True, measured_q=measured,
+    )  # fmt: skip
+    recording, values = cast("Recording", SimpleNamespace(period=0.01)), rng.uniform(0.1, 1.0, 200)
+    torques = []
+    for own in (floating, robot):
+        signals = Signals(own)
+        observation = Observation.from_columns(own, build_columns([LINKS], signals), signals)
+        entries = SampleFunction(observation, ReferenceParameters.massless(own), recording)(block)
+        torques.append(observation.compute_torque(entries, values[: observation.n_columns]))
+    projection = contacts.compute_contact_projection(robot, measured)
+    np.testing.assert_allclose(torques[1], np.einsum("mij,mj->mi", projection, torques[0]), atol=1e-9)
+    elsewhere = np.einsum("mij,mj->mi", contacts.compute_contact_projection(robot, q), torques[0])
+    assert np.abs(torques[1] - elsewhere).max() > 0.1
 
 
 @pytest.mark.parametrize(("kind", "seeds"), [("harness", (1, 2)), ("foot", (5, 6)), ("flight", (3, 4, 7, 8, 9))])

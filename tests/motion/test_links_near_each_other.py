@@ -13,7 +13,7 @@ from dynident.robot import Robot, robot_from_urdf
 GAP = 0.008
 
 
-def robot_with(gap: float) -> Robot:
+def robot_with(gap: float, axis: str = "0 1 0") -> Robot:
     """A trunk, an arm of two joints whose second link hangs beside it, and an arm on the other side, far away."""
 
     def link(name: str, size: str, at: str) -> str:
@@ -39,7 +39,7 @@ def robot_with(gap: float) -> Robot:
         + link("upper", "0.04 0.04 0.04", "0 0.05 0")
         + link("fore", "0.04 0.04 0.3", f"0 {0.02 + gap - 0.05} -0.2")
         + link("other", "0.04 0.04 0.3", "0 -0.3 -0.2")
-        + joint("shoulder", "trunk", "upper", "0 0.15 0.55", "0 1 0")
+        + joint("shoulder", "trunk", "upper", "0 0.15 0.55", axis)
         + joint("elbow", "upper", "fore", "0 0 0", "1 0 0")
         + joint("far", "trunk", "other", "0 -0.15 0.55", "0 1 0")
         + "</robot>",
@@ -84,3 +84,23 @@ def test_a_motion_is_designed_and_keeps_the_distances():
     assert all(margin.value >= margin.bound for margin in near)
     # The arm that is near nothing is not held back by the one that is.
     assert np.ptp(design.q[:, robot.joint_names.index("far")]) > 0.5
+
+
+def test_links_whose_capsules_always_overlap_are_kept_apart_by_their_shapes():
+    # Aslant: between parallel edges and faces, the nearest points are any.
+    robot = robot_with(GAP, axis="0.3 0.9 0.3")
+    space = build_bounds(robot, {}, surroundings=Surroundings(assume_floor=False)).space
+    (pair,) = [pair for pair in space.contacts.pairs if pair.name == "fore – trunk"]
+    assert space.exact.pairs == (pair,)
+    q = np.random.default_rng(1).uniform(-0.3, 0.6, (20, 3))
+    distance = space.contacts.compute_distances(pair, q)
+    assert distance.min() < 0 < distance.max()
+    slack = space.exact.evaluate(q)
+    np.testing.assert_allclose(slack.values[:, 0], distance - 1.1 * pair.clearance, atol=1e-9)
+    np.testing.assert_allclose(space.exact.find_least(q), slack.values[:, 0], atol=1e-9)
+    slope, step = slack.pull_back(np.ones((len(q), 1))), 1e-5
+    for joint in range(robot.n):
+        move = step * np.eye(robot.n)[joint]
+        ends = [space.exact.evaluate(q + sign * move).values[:, 0] for sign in (1, -1)]
+        np.testing.assert_allclose(slope[:, joint], (ends[0] - ends[1]) / (2 * step), atol=1e-3)
+    assert (space.compute_least_slack(q) <= slack.values[:, 0] + 1e-9).all()

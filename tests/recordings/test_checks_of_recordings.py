@@ -79,6 +79,16 @@ def test_repeated_time_with_other_content_is_refused_with_the_row(tmp_path):
     assert "too few digits" in error.detail
 
 
+def test_few_rows_within_one_tick_of_the_clock_are_left_out(tmp_path):
+    def tick(t):
+        t[50::100] = t[49::100][: len(t[50::100])]
+        return t
+
+    check = found(tmp_path, changed("t", tick), "repeated_time")
+    assert (check.status, check.row) == ("warning", 51)
+    assert "left out" in check.detail
+
+
 def test_time_that_is_no_number_is_refused_with_the_row(tmp_path):
     def spoil(t):
         t[99] = np.nan

@@ -394,6 +394,21 @@ def test_positions_that_are_frozen_and_jump_then_are_told_and_not_used(rate, col
     np.testing.assert_array_equal(right[kept], values[kept])
 
 
+@pytest.mark.parametrize("columns", [[1], list(range(N))])
+@pytest.mark.parametrize(("rate", "rows"), [(100.0, 15), (250.0, 20), (1000.0, 60)])
+def test_positions_that_read_0_for_a_moment_are_told_and_not_used(rate, rows, columns):
+    """Encoders that are reset: for longer than a corrupted sample, and for less than a bus is lost."""
+    t, values = arm_signals(57, rate, 40.0)
+    zero = slice(round(12 * rate), round(12 * rate) + rows)
+    values[zero, columns] = 0.0
+    right, checks = conditioned(t, values)
+    check = checks["frozen_signals"]
+    assert (check.status, check.row) == ("warning", zero.start + 1)
+    assert np.isnan(right[zero, 1]).all()
+    kept = np.delete(np.arange(len(t)), np.arange(zero.start, zero.stop))
+    np.testing.assert_array_equal(right[kept], values[kept])
+
+
 def test_a_joint_that_stands_exactly_still_for_a_while_is_not_frozen():
     t, values = arm_signals(58, 200.0, 40.0)
     pause = np.clip(t, None, 15.0) + np.clip(t - 20.0, 0.0, None)

@@ -79,8 +79,8 @@ def test_what_does_not_fit_is_refused_with_its_place(live: Client) -> None:
     with pytest.raises(ProblemError, match="there is no measurement"):
         live.campaigns.tell(campaign, "mea_none")
     robot = live.robots.get(campaign["request"]["robot_id"])
-    with pytest.raises(ProblemError, match="one run takes 6 s, and all together may take 3 s"):
-        live.campaigns.create(robot, budget={"robot_time": 3.0}, **MOTION)
+    with pytest.raises(ProblemError, match="one run takes 3 s, and all together may take 2 s"):
+        live.campaigns.create(robot, budget={"robot_time": 2.0}, **MOTION)
     for goal, place in (
         ({"kind": "gains"}, "/goal"),
         ({"kind": "payload", "quantities": ["weight"]}, "/goal/quantities/0"),

@@ -173,6 +173,7 @@ class UnknownPattern(ViewModel):
     joint: str
     variable: Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]
     share: float | None
+    cause: str = Field(default="", description="What looks like this, a sensor that drifts or a coupled drive")
 
 
 class NotVisible(ViewModel):

@@ -10,13 +10,12 @@ if TYPE_CHECKING:
     from dynident.advice.campaign import (
         CampaignRun,
         CampaignState,
-        Decision,
         PlannedRun,
         add_run,
         plan_run,
         start_campaign,
     )
-    from dynident.advice.campaign_request import CampaignRequest
+    from dynident.advice.campaign_request import CampaignRequest, Decision
     from dynident.advice.discriminating_experiments import AdvisedDiagnosis, NextExperiment, Separation
     from dynident.advice.next_experiment import advise, decide_doubts
 

@@ -6,13 +6,19 @@ recording, identifies and diagnoses the model from all runs, and decides. Holds 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
-from dynident.advice.campaign_request import DESIGN_SECONDS, CampaignRequest, describe_first_run
+from dynident.advice.campaign_request import (
+    DESIGN_SECONDS,
+    NOTHING_DECIDED,
+    CampaignRequest,
+    Decision,
+    describe_first_run,
+    list_designs,
+    shorten_search,
+)
 from dynident.advice.payload_goal import (
     PayloadErrors,
     add_load,
@@ -27,6 +33,7 @@ from dynident.advice.prediction_error import (
     build_measure,
     check_targets,
     compare_with_run,
+    compute_lacking,
     compute_target_errors,
     is_of_motion,
     list_targets,
@@ -36,7 +43,7 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, Design, TrajectoryRequest, design_experiment
+from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.prediction_region import Region, count_harmonics, draw_region
 from dynident.excitation.design_result import follows_design
 from dynident.excitation.experiments.design_task import compute_planned_seconds
@@ -48,7 +55,6 @@ from dynident.recordings import Recording
 from dynident.recordings.raw_signals import SampleHashes
 from dynident.robot import Robot
 
-DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
 FEWEST_RUNS = 2
 """Runs before a goal counts as reached: the model has to have predicted a run that it was not fitted to."""
 # A run that leaves more than this multiple of the promised error is said to have brought less; and a goal is out of
@@ -100,35 +106,14 @@ class CampaignRun:
         return np.hypot(self.parameters, self.lacking)
 
 
-@dataclass(frozen=True)
-class Decision:
-    """What to do next, and why.
-
-    Parameters
-    ----------
-    code : {"next_run", "reached", "not_reachable", "out_of_time"}
-        What to do.
-    sentence : str
-        Why, in words for the user.
-    """
-
-    code: DecisionCode
-    sentence: str
-
-    @property
-    def is_end(self) -> bool:
-        """Whether the campaign is over."""
-        return self.code != "next_run"
-
-
 @dataclass(frozen=True, eq=False)
 class PlannedRun:
-    """The next motion, and what it promises.
+    """The next motion.
 
     Parameters
     ----------
     design : Design
-        The motion.
+        Its design.
     promised : (k,) or None
         Relative errors of the targets once it is made, with what the model lacks; None before the first run, and for
         effects.
@@ -166,7 +151,7 @@ class CampaignState:
     recordings: tuple[Recording, ...] = ()
     runs: tuple[CampaignRun, ...] = ()
     identification: Identification | None = None
-    decision: Decision = Decision("next_run", "")
+    decision: Decision = NOTHING_DECIDED
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -210,7 +195,7 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
     if region is not None and region.q.shape[1] != robot.n:
         raise DynidentError(f"the region has {region.q.shape[1]} joints; the robot has {robot.n}", pointer="/region")
     check_targets(robot, request)
-    run, given = compute_planned_seconds(design), _MINUTE * request.minutes
+    run, given = compute_planned_seconds(list_designs(design)[0]), _MINUTE * request.minutes
     fewest = request.unloaded_runs + 1 if request.goal == "payload" else 1
     if fewest * run > given or fewest > request.runs:
         runs = "one run takes" if fewest == 1 else f"{fewest} runs, the last with the load, take"
@@ -249,34 +234,56 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         Where there is no such motion; it names the limit in the way.
     """
     request, identification = state.request, state.identification
-    # Another seed for each run: a motion that is made again finds nothing that it could not show the first time.
-    design_request = replace(request.design, seed=request.design.seed + len(state.runs))
+    designs = list_designs(request.design)
     if len(state.runs) in (0, request.unloaded_runs if request.goal == "payload" else 0):
-        slow = slow_down_limits(state.robot, design_request.limits, request.first_speed)
-        design_request = replace(design_request, limits=slow)
+        # It tells what torque to expect, and no more than that: half the length is enough.
+        return PlannedRun(_design_motion(state, designs[-2:][0], progress, request.first_speed), None)
+    measure = None if identification is None else build_measure(request, state.region, identification)
+    if identification is None or measure is None:
+        return PlannedRun(_design_motion(state, designs[-1], progress), None)
+
+    def promise(design: Design, repetitions: float = 1.0) -> FloatArray:
+        uncertain = predict_errors(identification, measure, design, state.recordings[-1], repetitions)
+        return np.asarray(np.hypot(uncertain, state.runs[-1].lacking))
+
+    # A quick search for the shortest motion tells how long a run has to be: a longer one shows as much as the short one
+    # repeated. The longest shows most per second, as it moves from and to home once, unless less reaches the goal.
+    shortest = _design_motion(state, shorten_search(designs[0]), scale_progress(progress, 0.0, 0.2))
+    lengths = [compute_planned_seconds(design) for design in designs]
+    spare = state.seconds_left - shortest.duration
+    affordable = [k for k, length in enumerate(lengths) if length - lengths[0] <= spare] or [0]
+    enough = (k for k in affordable if (promise(shortest, lengths[k] / lengths[0]) <= request.largest_error).all())
+    design = _design_motion(state, designs[next(enough, affordable[-1])], scale_progress(progress, 0.2, 1.0))
+    return PlannedRun(design, promise(design))
+
+
+def _design_motion(
+    state: CampaignState, design_request: DesignRequest, progress: Progress, speed: float = 1.0
+) -> Design:
+    """Design a motion for the next run, at a share of the velocity limits."""
+    # Another seed for each run: a motion that is made again finds nothing that it could not show the first time.
+    request = replace(design_request, seed=design_request.seed + len(state.runs))
+    if speed < 1.0:
+        request = replace(request, limits=slow_down_limits(state.robot, request.limits, speed))
+    identification = state.identification
     if identification is None:
-        first = replace(design_request, effects=request.choices.effects)
-        return PlannedRun(design_experiment(state.robot, first, progress, counts_moves=True), None)
+        request = replace(request, effects=state.request.choices.effects)
+        return design_experiment(state.robot, request, progress, counts_moves=True)
     # A recording without noise has residuals that are rounding.
     smallest = _LEAST_NOISE * max(float(identification.noise.max()), 1.0)
     effects = identification.model.effects
     if state.is_load_due and not has_load(effects):
         effects = (*effects, choose_load(()))
     noise = dict(zip(state.robot.joint_names, map(float, np.maximum(identification.noise, smallest)), strict=True))
-    design = design_experiment(
+    return design_experiment(
         state.robot,
-        replace(design_request, effects=effects, noise=noise, criterion=_choose_criterion(state)),
+        replace(request, effects=effects, noise=noise, criterion=_choose_criterion(state)),
         progress,
         earlier=state.recordings,
         identified=identification.estimate,
         region=state.region,
         counts_moves=True,
     )
-    measure = build_measure(request, state.region, identification)
-    if measure is None:
-        return PlannedRun(design, None)
-    uncertain = predict_errors(identification, measure, design, state.recordings[-1])
-    return PlannedRun(design, np.hypot(uncertain, state.runs[-1].lacking))
 
 
 def _choose_criterion(state: CampaignState) -> CriterionChoice:
@@ -344,33 +351,27 @@ def add_run(
     if added:
         identification = extend(identification, added, recordings, (), scale_progress(progress, 0.9, 1.0))
     measure = build_measure(state.request, state.region, identification)
-    comparison = compare_with_run(identification, recording)
     lacking = np.zeros(len(state.targets))
     if isinstance(measure, RegionRows):
         # Of a torque that was not recorded the model lacks all, and not nothing.
         lacking = np.ones(len(state.targets))
-        np.divide(comparison.lacking, measure.torque, out=lacking, where=identification.model.robot.has_torque)
+        absent = compute_lacking([compare_with_run(identification, run) for run in recordings])
+        np.divide(absent, measure.torque, out=lacking, where=identification.model.robot.has_torque)
+    # Shape constants are refined with every run.
+    known = state.runs[-1].added if state.runs else ()
+    places = [{(choice.effect, choice.joints) for choice in choices} for choices in (added, known)]
     run = CampaignRun(
         name=recording.name,
-        seconds=_measure_seconds(recording),
+        seconds=sum(segment.length * recording.period for segment in recording.segments),
         promised=None if planned is None else planned.promised,
         predicted=predicted,
         parameters=compute_target_errors(state.request, identification, diagnosis, measure),
         lacking=lacking,
         added=added,
-        is_changed=_list_places(added) != _list_places(state.runs[-1].added if state.runs else ()),
+        is_changed=places[0] != places[1],
     )
     extended = replace(state, recordings=recordings, runs=(*state.runs, run), identification=identification)
     return replace(extended, decision=decide(extended, measure, planned))
-
-
-def _list_places(choices: Sequence[EffectChoice]) -> set[tuple[str, tuple[str, ...]]]:
-    """Return effects with their joints alone: shape constants are refined with every run."""
-    return {(choice.effect, choice.joints) for choice in choices}
-
-
-def _measure_seconds(recording: Recording) -> float:
-    return sum(segment.length * recording.period for segment in recording.segments)
 
 
 def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedRun | None = None) -> Decision:
@@ -379,16 +380,12 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     Parameters
     ----------
     state : CampaignState
-        The campaign, its last run included.
+        The campaign with its last run.
     measure : ErrorMeasure or None
         What the covariance of its model means for the targets.
     planned : PlannedRun, optional
         The motion of the last run; its repetition bounds what the time that is left can bring.
 
-    Returns
-    -------
-    Decision
-        What to do, and why.
     """
     assert state.identification is not None
     run, goal, names = state.runs[-1], state.request.largest_error, state.targets
@@ -406,8 +403,8 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     aim = f"The goal of {format_percent(goal)}" if has_error else "The goal"
     stand = f"Error: {reached}" if has_error else reached
     remarks = _describe_promise(run, names)
-    duration = compute_planned_seconds(state.request.design) if planned is None else planned.design.duration
-    has_time = state.seconds_left >= duration and len(state.runs) < state.request.runs
+    shortest = compute_planned_seconds(list_designs(state.request.design)[0])
+    has_time = state.seconds_left >= shortest and len(state.runs) < state.request.runs
     if state.request.goal == "payload" and measure is None and has_time:
         words = (
             "Mount the load now: the next run and all after it are made with it."

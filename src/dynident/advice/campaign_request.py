@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from dynident.excitation.criteria.criterion_choice import REGION_SPEED
-from dynident.excitation.design_request import DesignRequest
+from dynident.excitation.design_request import DesignRequest, TrajectoryRequest, compute_least_sampling_rate
 from dynident.identification.identification_choices import IdentificationChoices
 from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
 DESIGN_SECONDS = 8.0
 """Time of the search for a motion, s, where neither it nor the number of starts is stated."""
-
+DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
+# Shares of the requested length that a run may have as well. The ends of a shorter run than the second are most of it:
+# filters take some tenths of a second from either.
+_SHARES = (0.25, 0.5)
+_SHORTEST_RUN = 2.0
 
 LONGEST_CAMPAIGN = 10_000
 """Largest robot time of a campaign, min: a week."""
@@ -129,3 +136,75 @@ class CampaignRequest(Request):
 def describe_first_run(goal: str) -> str:
     """Return what is to be done before the first run."""
     return "Make the first run: nothing is known yet." + (" Leave the load off." if goal == "payload" else "")
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What to do next, and why.
+
+    Parameters
+    ----------
+    code : {"next_run", "reached", "not_reachable", "out_of_time"}
+        What to do.
+    sentence : str
+        Why, in words for the user.
+    """
+
+    code: DecisionCode
+    sentence: str
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the campaign is over."""
+        return self.code != "next_run"
+
+
+NOTHING_DECIDED = Decision("next_run", "")
+
+
+def list_designs(longest: DesignRequest) -> tuple[DesignRequest, ...]:
+    """Return the designs of runs of several lengths, the shortest first, the requested one last.
+
+    Fewer periods come first, then shorter ones. The highest frequency stays where there are more harmonics or
+    intervals than usual. Moves from point to point have one length, and so has what would be too fast for the sampling.
+
+    Parameters
+    ----------
+    longest : DesignRequest
+        The requested design.
+    """
+    return (*_iterate_shorter_designs(longest), longest)
+
+
+def _iterate_shorter_designs(longest: DesignRequest) -> Iterator[DesignRequest]:
+    trajectory = longest.trajectory
+    if trajectory.family == "point_to_point":
+        return
+    for share in _SHARES:
+        periods = max(1, round(share * trajectory.periods))
+        shortening = share * trajectory.periods / periods
+        shorter = replace(
+            trajectory,
+            duration=shortening * trajectory.duration,
+            periods=periods,
+            harmonics=_shorten_count(trajectory.harmonics, TrajectoryRequest.harmonics, shortening),
+            intervals=_shorten_count(trajectory.intervals, TrajectoryRequest.intervals, shortening),
+        )
+        is_long = shorter.duration * periods >= _SHORTEST_RUN
+        if is_long and compute_least_sampling_rate(shorter) <= shorter.sampling_rate:
+            yield replace(longest, trajectory=shorter)
+
+
+def _shorten_count(count: int, usual: int, shortening: float) -> int:
+    return max(min(count, usual), math.ceil(shortening * count))
+
+
+def shorten_search(design: DesignRequest) -> DesignRequest:
+    """Return the request with a search of one start, in a quarter of the time.
+
+    Parameters
+    ----------
+    design : DesignRequest
+        The design.
+    """
+    return replace(design, starts=1, time_budget=None if design.time_budget is None else design.time_budget / 4)

@@ -1,7 +1,7 @@
 """What a campaign wants to know, and its errors: of torque over a region, of parameters, of effects.
 
-The error of a joint has two parts. The uncertainty of the parameters falls with every run. What the model lacks does
-not: it shows as a residual above the noise floor. Both are relative to the torque that the region needs.
+The error of a joint has two parts, relative to the torque that the region needs. The uncertainty of the parameters
+falls with every run. What the model lacks does not: it shows as a residual above the noise floor.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dynident.advice.payload_goal import name_load_parameters, select_payload_er
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Diagnosis
 from dynident.diagnosis.candidates.candidate_pool import find_places
-from dynident.diagnosis.comparison.measured_against_predicted import Comparison, compare
+from dynident.diagnosis.comparison.measured_against_predicted import compare
 from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
@@ -30,7 +30,7 @@ from dynident.excitation.criteria.prediction_region import Region
 from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.design_result import expect_recording
 from dynident.identification import Identification
-from dynident.recordings import Preprocessing, Recording, low_pass
+from dynident.recordings import Recording, choose_preprocessing, low_pass
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import FurtherSignals, RegressorInputs
 from dynident.robot import Robot
@@ -257,8 +257,8 @@ def predict_errors(
 ) -> FloatArray:
     """Return the relative errors (k,) of the targets that uncertain parameters will cause after a planned motion.
 
-    The planned motion counts with the rows that its recording will have: filtered, without ends, halts and reversals.
-    Their noise and its correlation are those of the rows so far.
+    The planned motion counts with the rows that its recording will have: filtered, without ends, halts and reversals,
+    with noise and its correlation as so far.
 
     Parameters
     ----------
@@ -280,7 +280,11 @@ def predict_errors(
     """
     statistics, solution = identification.statistics, identification.estimate.solution
     planned = expect_recording(design, last)
-    inputs = RegressorInputs((planned,), identification.preprocessing, identification.estimate.reference)
+    # A faster motion is filtered less: fewer of its rows are beside reversals, and a second tells as much as before.
+    chosen = choose_preprocessing((last, planned)) if design.dq.any() else identification.preprocessing
+    filters = identification.choices.preprocessing or chosen
+    share = filters.decimation / identification.preprocessing.decimation
+    inputs = RegressorInputs((planned,), filters, identification.estimate.reference)
     # Rows at reversals count less, as they do in the identification.
     equations = identification.data.training.equations
     weights = np.array([1.0 if e.weighted_rows is None else e.weighted_rows.weight for e in equations])
@@ -293,7 +297,7 @@ def predict_errors(
         if not len(equation.counts):
             continue
         w, place = equation.whole_factor[:, :-1], np.ix_(equation.columns, equation.columns)
-        information = repetitions * (w.T @ w) / sigma**2
+        information = repetitions * share * (w.T @ w) / sigma**2
         gained[place] += information
         spread[place] += excess * information
     # B' = (WᵀW + G)⁻¹ is the update times (WᵀW)⁻¹, by Woodbury with G = LLᵀ: (WᵀW)⁻¹ may be singular where
@@ -318,15 +322,29 @@ class RunErrors:
 
     Parameters
     ----------
-    predicted : (n,)
-        Relative error of the predicted torque where joints move; 0.05 is 5 %.
-    lacking : (n,)
-        Rms of the residual above the noise floor, N m or N, beyond what chance explains: the model lacks at least this.
-        Of a run that the model was fitted to.
+    predicted, seconds : (n,)
+        Relative error of the predicted torque where joints move, and how long they do, s.
+    excess, scatter : (n,)
+        Mean square of the residual above that of the noise, (N m)² or N², and its standard deviation by chance.
     """
 
     predicted: FloatArray
-    lacking: FloatArray
+    excess: FloatArray
+    scatter: FloatArray
+    seconds: FloatArray
+
+
+def compute_lacking(errors: Sequence[RunErrors]) -> FloatArray:
+    """Return the rms (n,) of the residual above the noise floor, N m or N, beyond what chance explains.
+
+    A mean square of noise scatters: a short run of a joint whose torque is near its noise would seem to lack some per
+    cent. All runs that the model was fitted to count by their time.
+    """
+    seconds = np.maximum([run.seconds for run in errors], np.finfo(float).tiny)
+    shares = seconds / seconds.sum(axis=0)
+    excess = np.sum(shares * [run.excess for run in errors], axis=0)
+    scatter = np.linalg.norm(shares * [run.scatter for run in errors], axis=0)
+    return np.asarray(np.sqrt(np.maximum(excess - _BEYOND_CHANCE * scatter, 0.0)))
 
 
 def compare_with_run(identification: Identification, recording: Recording) -> RunErrors:
@@ -338,31 +356,18 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
         The identified model.
     recording : Recording
         A recording, whether the model was fitted to it or not.
-
-    Returns
-    -------
-    RunErrors
-        Errors of the prediction, and what of them is more than noise.
     """
     comparison = compare(identification, recording)
     noise = judge(comparison, recording, identification.preprocessing).noise
     errors = comparison.moving_errors
-    squares, floor = errors.rms**2, noise.values**2
-    # A mean square of noise scatters. Without this allowance a short run of a joint whose torque is near its noise
-    # would seem to lack some per cent of it by chance, and no further run would change that.
-    worth = np.maximum(_count_independent_noise(comparison, recording, identification.preprocessing), 1.0)
-    # A floor from repetitions is such a mean square itself.
-    n_scattering = 2.0 if noise.source == "repeated_periods" else 1.0
-    allowance = _BEYOND_CHANCE * floor * np.sqrt(2.0 * n_scattering / worth)
-    return RunErrors(errors.relative, np.sqrt(np.maximum(squares - floor - allowance, 0.0)))
-
-
-def _count_independent_noise(comparison: Comparison, recording: Recording, preprocessing: Preprocessing) -> FloatArray:
-    """Return how many independent samples (n,) the mean square of filtered white noise is worth where joints move."""
-    taps = low_pass(recording.sampling_rate, preprocessing.torque_cutoff)
+    floor, seconds = noise.values**2, comparison.moving.sum(axis=0) * float(np.median(np.diff(comparison.t)))
+    # Independent samples of filtered white noise.
+    taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
     correlation = np.correlate(taps, taps, "full") / float(taps @ taps)
-    moving_time = comparison.moving.sum(axis=0) * float(np.median(np.diff(comparison.t)))
-    return np.asarray(moving_time * recording.sampling_rate / float(correlation @ correlation))
+    worth = np.maximum(seconds * recording.sampling_rate / float(correlation @ correlation), 1.0)
+    # A floor from repetitions is a mean square that scatters itself.
+    scatter = floor * np.sqrt((4.0 if noise.source == "repeated_periods" else 2.0) / worth)
+    return RunErrors(errors.relative, errors.rms**2 - floor, scatter, seconds)
 
 
 def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str, ...]:

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.advice.campaign import CampaignState, Decision, PlannedRun, add_run, plan_run, start_campaign
-from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.campaign import CampaignState, PlannedRun, add_run, plan_run, start_campaign
+from dynident.advice.campaign_request import CampaignRequest, Decision
 from dynident.advice.payload_goal import has_load, name_as_loaded
 from dynident.api.argument_checks import check_arguments, require
 from dynident.api.effect_arguments import check_effects, resolve_effects
@@ -60,7 +60,7 @@ class Campaign(Framed):
     effects : texts or choices, optional
         Effects of the first model.
     duration : float, optional
-        Length of one period of a motion in s.
+        Longest time of a run without the moves from and to home, in s; a run may take half of it or a quarter.
     sampling_rate : float, optional
         Rate of the samples in Hz.
     request : CampaignRequest, optional

@@ -91,6 +91,9 @@ def conclude(
         known = (words,) if math.isfinite(median) else ()
         return Conclusion("nothing_above_limits", known, "Validate the model on a motion of its use.", "validate")
     if verdict == "unexplained" and not (is_far or is_poor):
+        cause = next((pattern.cause for pattern in unknown if pattern.cause), "")
+        if cause:
+            return Conclusion("something_is_missing", (), cause)
         what = (
             f"{unknown[0].joint} over {unknown[0].variable.replace('_', ' ')}" if unknown else "the residual over time"
         )

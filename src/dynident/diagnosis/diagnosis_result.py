@@ -186,11 +186,15 @@ class UnknownPattern:
         What the residual depends on.
     share : float
         Share of the residual's variance.
+    cause : str, optional
+        What no effect stands for and looks like this, in a sentence with what to do: a sensor that drifts, a coupled
+        drive; "" where nothing says so.
     """
 
     joint: str
     variable: Variable
     share: float
+    cause: str = ""
 
 
 @dataclass(frozen=True)

@@ -320,6 +320,7 @@ def word_summary(
             for variable, joints, shares in group_patterns(unknown, model.robot.joint_names)
         )
         text += f" The residual still depends on: {parts}."
+        text += "".join(f" {cause}" for cause in dict.fromkeys(p.cause for p in unknown) if cause and cause not in text)
     # The joint where the residual exceeds the noise most, in multiples, stands for all.
     worst = int(np.argmax(residual / np.maximum(floor, 1e-12)))
     joint = model.robot.joints[worst]

@@ -213,7 +213,7 @@ def _compute_statistics(
             instruments, _, rests = _split_instruments(equation, solution.values)
             where = equation.columns[: instruments.shape[2]]
             scores.append(compute_scores(instruments, rests) @ (turned[where] / sigma**2))
-        spread = estimate_cluster_covariance(observed, solution, kind, scores)
+        spread = estimate_cluster_covariance(observed, solution, kind, scores, is_ordered=True)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     c = observed.n_columns
     counted = np.ones(len(overstated)) if kind == "independent" else overstated

@@ -40,9 +40,11 @@ from dynident.estimation.prior_information import Solution, extract_deviations
 from dynident.estimation.residual_correlation import (
     FEWEST_BLOCKS,
     compute_correlation_factors,
+    compute_neighbour_growth,
     compute_rests,
     compute_sandwich_covariance,
     compute_scores,
+    count_growth_worth,
     join_dependent_blocks,
 )
 from dynident.estimation.residual_errors import compute_residual_noise
@@ -112,6 +114,8 @@ def estimate_cluster_covariance(
     solution: Solution,
     kind: CovarianceName = "by_time_and_joints",
     scores: Sequence[FloatArray] | None = None,
+    *,
+    is_ordered: bool = False,
 ) -> ClusterCovariance:
     """Estimate how far the estimates move when blocks of time are left out.
 
@@ -124,6 +128,8 @@ def estimate_cluster_covariance(
     scores : n of (s, f), optional
         Scores of the blocks of every equation, times `solution.root`, where an estimate does not solve Wᵀρ = 0
         (instrumental variables).
+    is_ordered : bool
+        Whether neighbouring blocks may depend on each other, see `compute_neighbour_growth`.
 
     Returns
     -------
@@ -149,7 +155,9 @@ def estimate_cluster_covariance(
             compute_scores(e.factors[:, :, :-1], compute_rests(e, solution.values)) @ (root[e.columns] / sigma**2)
             for e, sigma in zip(reduction.equations, solution.noise, strict=True)
         ]
+    followed: list[FloatArray] = []
     for numbers, part in _group_equations(reduction, kind):
+        first_step = len(steps)
         together_scores = np.zeros((part.n_blocks, size))
         for k in numbers:
             together_scores[: len(scores[k])] += scores[k]
@@ -166,8 +174,11 @@ def estimate_cluster_covariance(
             steps.append(amplified[:, :, 0])
             moved.append(informations @ u)
             pulls.append(np.einsum("sik,sik->sk", u, moved[-1]))
+        followed.append(np.concatenate([np.zeros((0, size)), *steps[first_step:]]))
     each = np.concatenate(steps)
-    inner = (len(each) - 1) / len(each) * each.T @ each
+    independent = (len(each) - 1) / len(each) * each.T @ each
+    growth = compute_neighbour_growth(followed) if is_ordered else np.ones(size)
+    inner = independent * np.sqrt(np.outer(growth, growth))
     # Directions that only one block determines get the average variance of the others, but no less than independent
     # rows would have.
     average_variance = float(np.trace(inner)) / max(size - float(np.trace(dominated)), 1.0)
@@ -181,6 +192,8 @@ def estimate_cluster_covariance(
     from_steps, from_assumption, from_knowledge = (np.maximum(part, 0.0) for part in variances)
     # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
     own = _compute_satterthwaite_freedom(np.concatenate(pulls), np.concatenate(moved))
+    before = np.einsum("ki,ij,kj->k", directions, independent, directions)
+    own *= count_growth_worth(from_steps, before)
     doubt = from_steps**2 / np.maximum(own, 1.0) + from_assumption**2
     freedom = (from_steps + from_assumption + from_knowledge) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
     # A parameter that is held is a constant.
@@ -428,7 +441,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     joined = join_dependent_blocks(reduction, solution)
     if not has_enough_blocks(joined, kind):
         return compute_pooled_statistics(reduction, solution, is_independent=kind == "independent")
-    spread = estimate_cluster_covariance(joined, solution, kind)
+    spread = estimate_cluster_covariance(joined, solution, kind, is_ordered=True)
     worth = joined.row_counts / compute_correlation_factors(reduction, solution, joined)
     return Statistics(spread.covariance, worth, compute_residual_noise(reduction, solution.values), spread.freedom)
 

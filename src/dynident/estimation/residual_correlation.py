@@ -332,6 +332,55 @@ def _do_neighbours_depend(reduction: Reduction, solution: Solution) -> bool:
     return bool(products.sum() > _BEYOND_CHANCE * np.linalg.norm(products)) if products.any() else False
 
 
+_MOST_CORRELATED = 0.9
+"""Largest correlation of neighbouring blocks that counts: with a larger one, a recording is too short to tell."""
+
+
+def compute_neighbour_growth(followed: Sequence[FloatArray]) -> FloatArray:
+    """Return by how much neighbouring blocks that depend on each other raise variances (f,).
+
+    Slow residuals (a motor that warms up, a cable that drags) last for longer than a block. Each coordinate's steps
+    count as a first-order autoregressive process with the correlation ρ: the variance of their sum is larger by
+    (1 + ρ) / (1 - ρ).
+
+    Parameters
+    ----------
+    followed : sequence of (s, f)
+        How far the estimates move without each block, one block after the other, in coordinates in which the
+        information is one; those of equations whose blocks do not depend on each other apart.
+
+    Notes
+    -----
+    Blocks are joined while neighbours depend on each other over all coordinates together. That is too early for a few
+    slow ones, such as those of offsets. From a triangular factor, a coordinate is a column of W without what the
+    columns before it explain, so that a constant has one of its own; in the principal axes of the steps it has none.
+    Without blocks that are joined, this growth alone left other parameters too sure.
+    """
+    count = max(sum(map(len, followed)), 1)
+    products = np.sum([np.sum(steps[1:] * steps[:-1], axis=0) for steps in followed], axis=0)
+    squares = np.sum([np.sum(steps**2, axis=0) for steps in followed], axis=0)
+    # The fit takes its own part out of the steps: of independent ones the correlation is -1 / m in the mean.
+    correlation = np.divide(products, squares, out=np.zeros_like(squares), where=squares > 0) + 1.0 / count
+    # A variance of 1 / m is chance, which is taken off (James and Stein).
+    chance = np.divide(1.0, count * correlation, out=np.full_like(correlation, np.inf), where=correlation > 0)
+    rho = np.clip(correlation - chance, 0.0, _MOST_CORRELATED)
+    return np.asarray((1.0 + rho) / (1.0 - rho))
+
+
+def count_growth_worth(after: FloatArray, before: FloatArray) -> FloatArray:
+    """Return the share of the degrees of freedom that is left where variances grew from `before` to `after`.
+
+    Of a first-order autoregressive process, m samples are worth m (1 - ρ²) / (1 + ρ²) in a variance.
+
+    Parameters
+    ----------
+    after, before : (c,)
+        Variances with the growth of `compute_neighbour_growth`, and without.
+    """
+    growth = np.divide(after, before, out=np.ones_like(after), where=before > 0)
+    return np.asarray(2.0 * growth / (1.0 + growth**2))
+
+
 BLOCK = 1.0
 """Seconds of a block, whose largest value counts once, and of an alarm: neighbouring samples depend on each other."""
 # Share of the blocks whose largest values count as the tail, and fewest of them.

@@ -53,6 +53,8 @@ SET_KINDS = OneOf(
 )
 # Starts of the optimisation where neither their number nor a time is given.
 DEFAULT_STARTS = 4
+SAMPLES_PER_WAVE = 4
+"""Fewest samples of the fastest wave of a periodic motion."""
 _MOST_TIMES = 1_000_000
 _MOST_HARMONICS = 100
 _SLOWEST = 1e-4
@@ -161,6 +163,19 @@ class TrajectoryRequest(Request):
         at_least=_SLOWEST,
         at_most=1,
     )
+
+
+def compute_least_sampling_rate(trajectory: TrajectoryRequest) -> float:
+    """Return the lowest sampling rate at which a periodic trajectory can be followed, Hz.
+
+    Parameters
+    ----------
+    trajectory : TrajectoryRequest
+        The trajectory.
+    """
+    # A wave takes two intervals of a spline, or one period of the highest harmonic.
+    waves = trajectory.intervals / 2 if trajectory.family == "b_spline" else trajectory.harmonics
+    return SAMPLES_PER_WAVE * waves / trajectory.duration
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,13 @@ from dynident.excitation.design_observation_matrix import (
     lock_model,
     note_locked_joints,
 )
-from dynident.excitation.design_request import JOINT_BY_JOINT, DesignRequest, TrajectoryRequest
+from dynident.excitation.design_request import (
+    JOINT_BY_JOINT,
+    SAMPLES_PER_WAVE,
+    DesignRequest,
+    TrajectoryRequest,
+    compute_least_sampling_rate,
+)
 from dynident.excitation.design_result import Design
 from dynident.excitation.expected_torque import ExpectedTorque, IdentifiedModel
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, build_earlier_rows
@@ -45,8 +51,6 @@ from dynident.parallel import single_threaded
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, make_monotonic
 from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
-
-_SAMPLES_PER_WAVE = 4
 
 
 def check_request(request: DesignRequest) -> None:
@@ -129,14 +133,11 @@ def _check_points(request: DesignRequest) -> None:
 def _check_fineness(trajectory: TrajectoryRequest) -> None:
     """Raise where the shapes of a periodic trajectory are too fast for the sampling."""
     pieces = "intervals" if trajectory.family == "b_spline" else "harmonics"
-    count = trajectory.intervals if pieces == "intervals" else trajectory.harmonics
-    # A wave takes two intervals of a spline, or one period of the highest harmonic.
-    fastest = count / trajectory.duration / (2 if pieces == "intervals" else 1)
-    least = _SAMPLES_PER_WAVE * fastest
+    least = compute_least_sampling_rate(trajectory)
     if trajectory.sampling_rate < least:
         raise DynidentError(
-            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {pieces} that reach {fastest:g} Hz; "
-            f"use at least {least:g} Hz, fewer {pieces} or a longer period",
+            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {pieces} that reach "
+            f"{least / SAMPLES_PER_WAVE:g} Hz; use at least {least:g} Hz, fewer {pieces} or a longer period",
             pointer="/trajectory/sampling_rate",
         )
 

@@ -248,7 +248,7 @@ def build_campaign_table(
     if request.goal == "torque":
         note = (
             "Errors of the predicted torque, over its rms, of the worst joint over the region of the goal. From "
-            "uncertainty: with 95 % probability. Lacking: what the residual of the last run has above noise and "
+            "uncertainty: with 95 % probability. Lacking: what the residual of all runs has above noise and "
             "uncertainty. Error: both together, which the motion promised before it was made."
         )
     return ReportedTable("Runs of the campaign", columns, tuple(rows), notes=(note,), name="campaign")

@@ -359,8 +359,10 @@ def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -
     for stem, columns in _group_by_stem(texts).items():
         kind = _OF_NAMES.match(stem)
         rows = set(zip(*(texts[column] for column in columns.values()), strict=True))
-        # A name that is empty or stands twice in one row does not tell whose numbers are whose.
-        if kind is None or any(len({word for word in row if word}) < len(columns) for row in rows):
+        # A name that stands twice in one row, or is empty before others, does not tell whose numbers are whose. At the
+        # end of a row they are empty where another sender has fewer joints, such as a gripper.
+        lists = ["\0".join(row).rstrip("\0").split("\0") for row in rows]
+        if kind is None or any("" in words or len(set(words)) < len(words) for words in lists):
             continue
         signals: dict[str, tuple[str, ...]] = {}
         taken: set[str] = set()
@@ -370,7 +372,7 @@ def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -
             if fits and taken.isdisjoint(places.values()):
                 signals[other] = tuple(places.values())
                 taken.update(places.values())
-        joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
+        joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row if word))
         if signals and len(joints) <= _MOST_JOINTS:
             tables.append(_NamedTable(tuple((column,) for column in columns.values()), joints, signals))
     return tables or _find_joint_rows(source, texts)

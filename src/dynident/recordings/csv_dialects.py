@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from dynident.recordings.cells_without_numbers import make_counted_names
+from dynident.recordings.file_source import fill_blank_names
 from dynident.recordings.formats import packed_messages
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
@@ -127,8 +128,7 @@ def detect_dialect(start: bytes) -> Dialect:
         header.names = _name_list_columns(header, original, delimiter)
     rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
     header.names = _fit_last_name(header.names, rows)
-    if "" in header.names and header.names.count("") > 1:
-        header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
+    header.names, guessed = fill_blank_names(header.names)
     header.names, header.clocks = pair_times(header.names) or (header.names, header.clocks)
     header.names, remarks = number_repeated_names(header.names)
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
@@ -145,7 +145,7 @@ def detect_dialect(start: bytes) -> Dialect:
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
         clocks=header.clocks,
-        remarks=(*header.remarks, *remarks),
+        remarks=(*header.remarks, *guessed, *remarks),
     )
 
 
@@ -248,8 +248,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     cells = [[None if _is_number(cell) else cell for cell in _split_fields(line, delimiter)] for line in messages[:2]]
     if (names := packed_messages.name_message_columns(cells) or packed_messages.name_value_columns(cells)) is not None:
         return delimiter, False, _Header(names, header)
-    # Words between numbers that the next row repeats are values, as those of a state.
-    if is_row or (len(cells) > 1 and any(cells[0]) and cells[0] == cells[1]):
+    # Words between numbers are values, as those of a state, if the next row repeats them or has others there.
+    if is_row or (len(cells) > 1 and any(cells[0]) and packed_messages.have_words_alike(cells, text)):
         delimiter, comma = _detect_number_format(below)
         fields = _split_fields(text, delimiter)
         counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
@@ -269,7 +269,8 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
                     rows += 1
     units = _read_units(lines, rows, delimiter, names)
     rows += bool(units)
-    properties = _count_properties(lines, rows, delimiter)
+    split = [_split_fields(line, delimiter) for line in lines[rows:]]
+    properties = packed_messages.count_properties(split, _is_number)
     for number in range(rows, rows + properties):
         facts = packed_messages.put_word_before(_split_fields(lines[number], delimiter))
         if "unit" in facts[0].casefold():
@@ -407,7 +408,10 @@ def _skip_titles(lines: list[str], header: int) -> int:
     # Messages of another kind may stand above rows that begin with what they are.
     rows = (number for number in range(header, len(lines)) if is_whole(lines[number]))
     row = next(rows, header)
-    return row if _is_marked_row([line for line in lines[row : row + 20] if line.strip()]) else header
+    # Words that are more or fewer than the columns of numbers below them name none.
+    is_named = any(abs(len(_split_fields(lines[header].lstrip("#% "), sign)) - width) < 2 for sign in ";\t|, ")
+    is_found = not is_named and _is_data(lines[row])
+    return row if is_found or _is_marked_row([line for line in lines[row : row + 20] if line.strip()]) else header
 
 
 def _is_aligned(lines: list[str]) -> bool:
@@ -425,9 +429,11 @@ def _is_aligned(lines: list[str]) -> bool:
 def _detect_number_format(lines: list[str]) -> tuple[str, bool]:
     """Return separator and decimal comma of a file of numbers alone."""
     text = lines[0]
-    # Separators that no number contains come first. A space is one only where it does more than end a comma, or a date.
+    # A comma with blanks beside it separates points. Otherwise separators that no number contains come first, and a
+    # space is one only where it does more than end a comma, or a date.
+    cells = _split_fields(text, ",")
     for delimiter in ";\t|":
-        if delimiter in text:
+        if delimiter in text and not (len(cells) > 1 and all(map(_NUMBER.match, cells))):
             return delimiter, "," in text
     if " " in text.strip() and ", " not in text and (_is_row(text, " ") or not _is_row(text, ",")):
         return " ", "," in text
@@ -479,22 +485,3 @@ def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str,
 
 def _list_units(cells: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     return {name: cell.strip("[]() ") for name, cell in zip(names, cells, strict=False) if cell.strip("[]() -")}
-
-
-def _count_properties(lines: Sequence[str], first: int, delimiter: str) -> int:
-    """Return how many lines below the names, of words before values, say what the columns have, as LabVIEW's do."""
-    rows = [packed_messages.put_word_before(_split_fields(line, delimiter)) for line in lines[first:]]
-    begins = [row[0].casefold() for row in rows]
-    is_word = [begin[:1].isalpha() and not _is_number(begin) for begin in begins]
-    n_words = sum(itertools.takewhile(bool, is_word))
-    are_properties = [not _PROPERTIES.isdisjoint(re.split("[^a-z]+", begin)) for begin in begins[:n_words]]
-    # A word may say where the rows begin, in the first of them.
-    is_row = n_words and not are_properties[-1] and all(map(_is_number, rows[n_words - 1][1:]))
-    n_words -= bool(is_row and begins[n_words : n_words + 1] == [""])
-    has_rows = len(begins) > 2 * n_words and not any(is_word[n_words + 1 :])
-    return n_words if n_words > 1 and has_rows and any(are_properties) else 0
-
-
-_PROPERTIES = frozenset(
-    {"unit", "units", "length", "samples", "increment", "delta", "type", "interp"}
-)  # one at least stands before such lines

@@ -111,8 +111,16 @@ def split_path(path: Path) -> list[Path]:
     # A file whose own name has a + in it goes before the several that it might mean.
     if JOINT not in text or _exists(path):
         return [path]
-    first, *others = (Path(part) for part in text.split(JOINT))
-    return [first, *(other if other.exists() else first.parent / other for other in others)]
+    pieces = text.split(JOINT)
+    files: list[Path] = []
+    while pieces:
+        # A folder may have a + in its name, too: as many pieces as make the path of a file.
+        folder = files[0].parent if files else Path()
+        trials = ((end, Path(JOINT.join(pieces[:end]))) for end in range(1, len(pieces) + 1))
+        places = ((end, place) for end, trial in trials for place in (trial, folder / trial))
+        end, file = next(((end, place) for end, place in places if _exists(place)), (1, folder / pieces[0]))
+        files, pieces = [*files, file], pieces[end:]
+    return files
 
 
 def _exists(path: Path) -> bool:

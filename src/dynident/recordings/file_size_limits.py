@@ -7,6 +7,9 @@ still be slow.
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
+from collections.abc import Callable
 from typing import IO
 
 from dynident.recordings.recording_metadata import RecordingError
@@ -202,3 +205,54 @@ class BoundedFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+_AT_ONCE = 2**20
+
+
+class UnpackedParts:
+    """The decompressed parts of a file, one behind another in a temporary file, where parts of them can be read.
+
+    Parameters
+    ----------
+    size : int
+        Bytes of all parts.
+
+    Raises
+    ------
+    RecordingError
+        The disk has no room for them.
+    """
+
+    def __init__(self, size: int) -> None:
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+        if size > free:
+            detail = f"The file unpacks to {size / 2**20:.0f} MB, but only {free / 2**20:.0f} MB are free on the disk."
+            raise RecordingError(detail, title="Not enough disk space")
+        self.file: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the arrays that lie in it
+
+    def append(self, read: Callable[[int], bytes], size: int) -> tuple[int, int]:
+        """Unpack one more part.
+
+        Parameters
+        ----------
+        read : callable
+            Gives the next bytes, at most so many, and none at the end.
+        size : int
+            Bytes that it says to unpack to. `ValueError` where there are fewer; more are not read.
+
+        Returns
+        -------
+        int, int
+            Its first byte, and the first one behind it.
+        """
+        start, n_left = self.file.seek(0, 2), size
+        # In pieces, so that memory does not grow with the file.
+        while n_left and (part := read(min(_AT_ONCE, n_left))):
+            n_left -= len(part)
+            self.file.write(part)
+        if n_left:
+            raise ValueError("a compressed part ends too early")
+        # Arrays are read by the file's number, past Python's buffer: what waits in it would be missing.
+        self.file.flush()
+        return start, start + size

@@ -1,10 +1,11 @@
 """The interface of all readers: a file as named columns in blocks of rows (`FileSource`), and a sample of its rows.
 
-Holds how many rows a sample has (262,144).
+Holds how many rows a sample has (262,144), marks for missing numbers such as -9999, and names for columns without one.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import pyarrow as pa
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import Remedy
-from dynident.recordings.arrow_tables import parse_numbers, to_floats
+from dynident.recordings.arrow_tables import from_numbers, parse_numbers, to_floats
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_size_limits import TITLE, check_columns
 from dynident.recordings.recording import are_readings
@@ -368,3 +369,97 @@ def describe_bursts(name: str, burst: int, rate: float) -> tuple[str, Remedy]:
         f"when they arrived, not when they were measured. If they were sampled evenly, state their rate: {remedy}."
     )
     return detail, remedy
+
+
+_NINES = tuple(sign * (10.0**digits - 1.0) for digits in range(3, 10) for sign in (-1.0, 1.0))
+_HUGE = 1e30
+_FEWEST_MARKS, _FAR = 3, 5.0
+"""Cells that hold a mark, and how many times larger it is than every other number of its column."""
+
+
+class MarkedGapsSource(FileSource):
+    """A file in which a number that no sensor gives, such as -9999, stands for a missing one."""
+
+    def __init__(self, source: FileSource, marks: Mapping[str, float]) -> None:
+        super().__init__(source.names, source.units)
+        self._source, self._marks = source, marks
+        self.sample_rows, self.texts, self.has_gaps = source.sample_rows, source.texts, source.has_gaps
+        self.inner, self.clocks = source, source.clocks
+        numbers, names = sorted(set(marks.values())), list(marks)
+        self.own_remarks = (
+            f"{' or '.join(f'{number:g}' for number in numbers)} stands for a missing number, in "
+            f"{', '.join(names[:_SHOWN_NAMES])}{', …' if len(names) > _SHOWN_NAMES else ''}.",
+        )
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        first_row = 0
+        for batch in self._source.batches(columns):
+            arrays = []
+            for name in columns:
+                column = batch.column(batch.schema.get_field_index(name))
+                if name in self._marks:
+                    values = to_float_column(batch, name, first_row)
+                    column = from_numbers(np.where(values == self._marks[name], np.nan, values))
+                arrays.append(column)
+            yield pa.RecordBatch.from_arrays(arrays, names=columns)
+            first_row += batch.num_rows
+
+
+_SHOWN_NAMES = 4
+
+
+def read_marked_gaps(source: FileSource) -> FileSource:
+    """Return the file with missing numbers where its first rows have marks for them; else the same object."""
+    names = [name for name in source.names if name not in source.texts]
+    first = next(source.batches(names), None) if names else None
+    if first is None:
+        return source
+    possible: list[tuple[str, float, int]] = []
+    for name in names:
+        values = to_float_column(first, name, 0)
+        values = values[np.isfinite(values)]
+        for mark in {float(values.min()), float(values.max())} if len(values) else ():
+            if mark not in _NINES and abs(mark) < _HUGE:
+                continue
+            others = np.abs(values[values != mark])
+            if others.max(initial=0.0) * _FAR < abs(mark):
+                possible.append((name, mark, len(values) - len(others)))
+    # A column may have few of them, or one: all columns together tell a mark.
+    counts = {mark: sum(count for _, other, count in possible if other == mark) for _, mark, _ in possible}
+    marks = {name: mark for name, mark, _ in possible if counts[mark] >= _FEWEST_MARKS}
+    return MarkedGapsSource(source, marks) if marks else source
+
+
+_COUNTED = re.compile(r"(.*?)(\d{1,3})(\D*)")
+
+
+def fill_blank_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return names for columns that have none: the one that a count of the names around it leaves out, or a number.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The names, "" where there is none; a single one may be that of the rows.
+
+    Returns
+    -------
+    names : tuple of str
+        The names.
+    remarks : tuple of str
+        Which name was taken for one.
+    """
+    result, remarks = list(names), []
+    for place in range(1, len(names) - 1):
+        around = [_COUNTED.fullmatch(names[place + side]) for side in (-1, 1)]
+        if names[place] or around[0] is None or around[1] is None:
+            continue
+        (before, low, behind), (*other, high) = around[0].groups(), around[1].group(1, 3, 2)
+        name = f"{before}{int(low) + 1:0{len(low)}d}{behind}"
+        if [before, behind] == other and int(high) == int(low) + 2 and name not in names:
+            result[place] = name
+            remarks.append(
+                f"Column {place + 1} has no name; between {names[place - 1]} and {names[place + 1]} it is {name}."
+            )
+    if result.count("") > 1:
+        result = [name or f"column{place + 1}" for place, name in enumerate(result)]
+    return tuple(result), tuple(remarks)

@@ -312,6 +312,7 @@ def _segment_blocks(
                 temperature=None if measured.temperature is None else measured.temperature[part],
                 starts_segment=done == 0,
                 wrench=None if measured.wrench is None else measured.wrench[part],
+                measured_q=measured.q[part],
             )
             done += part.stop - part.start
 

@@ -323,6 +323,8 @@ class SampleBlock:
         Whether the first sample is the first one of the segment.
     wrench : (m, 6), optional
         Force in N, then moment in N m, of the base on the robot, unfiltered.
+    measured_q : (m, n), optional
+        Positions as recorded, at which forces of contacts were taken out of the torques.
     """
 
     segment: int
@@ -337,6 +339,7 @@ class SampleBlock:
     temperature: FloatArray | None
     starts_segment: bool
     wrench: FloatArray | None = None
+    measured_q: FloatArray | None = None
 
     def split(self, length: int) -> Iterator[SampleBlock]:
         """Yield the samples in consecutive blocks of so many at most; a block without samples as it is."""

@@ -16,7 +16,7 @@ from dynident.recordings.arrow_tables import batch_from_arrays
 from dynident.recordings.file_size_limits import choose_block_rows
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.recording_metadata import RecordingError
-from dynident.recordings.time_columns import describe_foreign_clock, is_time_name
+from dynident.recordings.time_columns import describe_foreign_clock, find_stamp_pairs, is_time_name
 from dynident.recordings.units import read_time_unit
 
 _LOOKED_AT = 4000
@@ -311,8 +311,7 @@ def _name_columns(columns: Sequence[str]) -> str:
 def _split_runs(t: FloatArray, back: float) -> list[slice]:
     """Return slices of rows between which the time goes back by more than `back`."""
     begins = np.flatnonzero(np.diff(t) < -back) + 1
-    edges = [0, *begins.tolist(), len(t)]
-    return [slice(first, last) for first, last in pairwise(edges)]
+    return [slice(first, last) for first, last in pairwise([0, *begins.tolist(), len(t)])]
 
 
 def _find_pattern(source: FileSource) -> _SeriesPattern | None:
@@ -333,6 +332,9 @@ def _find_pattern(source: FileSource) -> _SeriesPattern | None:
     if time is None:
         return None
     t = values[:, time]
+    # Every message has a time: its parts are no signal, though the smaller ones go back.
+    for stamp in find_stamp_pairs([name for name in source.names if not name.endswith("time")]).values():
+        running[[source.names.index(part) for part in stamp[:2]]] = True
     patterns: dict[bytes, list[int]] = {}
     for column in np.flatnonzero(~running & (has_value.sum(axis=0) >= _FEWEST)).tolist():
         # Columns that are filled in the same rows are one series.
@@ -341,7 +343,9 @@ def _find_pattern(source: FileSource) -> _SeriesPattern | None:
     if not any(_alternates(has_value[:, columns[0]]) for columns in groups):
         return None
     main, *others = groups
-    is_full = bool(has_value[:, main[0]].mean() >= _FULL)
+    # What is filled in the other rows alone comes in messages of its own, such as those of a gripper.
+    are_apart = any(not (has_value[:, group[0]] & has_value[:, main[0]]).any() for group in others)
+    is_full = bool(has_value[:, main[0]].mean() >= _FULL) and not are_apart
     if is_full:
         # Signals that are only short of some samples stay in their rows, and so do those that are held.
         others = [
@@ -358,8 +362,7 @@ def _find_pattern(source: FileSource) -> _SeriesPattern | None:
 
 def _alternates(has_value: BoolArray) -> bool:
     """Return whether a signal has only part of the rows, and these lie between the others, not in one block."""
-    present = int(has_value.sum())
-    absent = len(has_value) - present
+    present, absent = int(has_value.sum()), int((~has_value).sum())
     begins = int((np.diff(has_value.astype(np.int8)) == 1).sum())
     return present < _FULL * len(has_value) and begins >= 0.5 * min(present, absent)
 

@@ -490,8 +490,8 @@ def _check_repeated(base: TimeBase, column: str) -> Check:
     return Check(
         "repeated_time",
         "warning",
-        f"{base.n_repeated} rows repeat the previous row, with the same time stamp and values (the first is row "
-        f"{base.first_repeated}); they are left out. The logger writes faster than the robot sends new values.",
+        f"{base.n_repeated} rows repeat the time stamp of the row before (the first is row {base.first_repeated}); "
+        "they are left out. The logger writes faster than the robot sends new values, or its stamps have few digits.",
         column,
         base.first_repeated,
     )

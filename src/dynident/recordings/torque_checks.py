@@ -54,6 +54,9 @@ AROUND, MOST_INTERVALS = 0.2, 20
 OWNED, LEAST_OWNED = 2e-3, 1e-3
 """Share of a torque's variance that another joint's friction has to explain to be seen, and what counts as nothing."""
 
+ROUNDED = 0.05
+"""Share of a torque's rms that rounding to its steps takes, from which on it is told: as much as good models leave."""
+
 SWAPPED = 4.0
 """How many times better swapped torques have to be explained, in the geometric mean."""
 
@@ -78,6 +81,7 @@ def check_torque(
     checks = [
         *_find_impossible_torques(sample, layout),
         _check_saturation(recording, sample, layout, limits),
+        _check_resolution(recording, sample, layout),
         _check_constant_torque(recording, sample, layout),
     ]
     if checks[-1].status == "warning":
@@ -310,10 +314,32 @@ def _move_together(first: FloatArray, other: FloatArray) -> bool:
     return bool(abs(np.corrcoef(first, other)[0, 1]) > 0.999 if is_moving else np.array_equal(first, other))
 
 
+def _check_resolution(recording: Recording, sample: RawSample, layout: Layout) -> Check:
+    """Warn of torques in coarse steps: no model explains what rounding took, and no filter gives it back."""
+    tau = sample.tau[sample.used]
+    sizes = np.sqrt(np.mean(np.nan_to_num(tau) ** 2, axis=0))
+    coarse: dict[int, str] = {}
+    for joint in range(layout.n_base, tau.shape[1]):
+        own = tau[np.isfinite(tau[:, joint]), joint]
+        step = find_step(own) if len(own) > 1 and recording.has_torque[joint] else 0.0
+        # The error of rounding is spread evenly over a step.
+        lost = step / np.sqrt(12.0) / max(sizes[joint], np.finfo(float).tiny)
+        if lost > ROUNDED:
+            share = format_percent(lost, decimals=0)
+            coarse[joint] = f"{layout.tau[joint].source} (steps of {step:.3g}, rounding {share} of its rms)"
+    if not coarse:
+        return Check("torque_resolution", "ok", "No torque comes in coarse steps.")
+    detail = (
+        f"Torques are rounded coarsely: {', '.join(coarse.values())}. A model cannot explain that, and small effects "
+        "on these joints do not show. Log more digits, or another signal of the drive (its current); if it has none, "
+        "let these joints carry a load or move faster."
+    )
+    return Check("torque_resolution", "warning", detail, layout.tau[next(iter(coarse))].source)
+
+
 def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     tau, q = sample.tau[sample.used], sample.q[sample.used]
-    first = int(np.flatnonzero(sample.used)[0])
-    row, time = int(sample.row[first]), float(sample.t[first])
+    row, time = int(sample.row[first := int(np.flatnonzero(sample.used)[0])]), float(sample.t[first])
     if not tau.any() and (np.ptp(q, axis=0) > 2e-3).any():
         return Check(
             "constant_torque",

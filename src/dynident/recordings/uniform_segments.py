@@ -187,6 +187,10 @@ def _interpolate_cubic(t: FloatArray, values: FloatArray, times: FloatArray, fir
 SHORTEST = 8
 """A segment of fewer samples is left out: it is shorter than any filter."""
 
+_FEW_REPEATED = 0.02
+"""Share of rows that repeat a time stamp, with other values, up to which they are left out: two recordings in one file,
+or stamps with too few digits, repeat far more."""
+
 
 class GridRows(NamedTuple):
     """Rows on the uniform grid: t (m,), the user's segment label, values (m, c)."""
@@ -313,12 +317,15 @@ class Segmenter:
         self._held, self._n_held = [], 0
 
     def _mark_new_rows(self, rows: RawRows, values: FloatArray) -> BoolArray:
-        """Mark the rows that are new; refuse a stamp that repeats with other content."""
+        """Mark the rows with a stamp of their own; refuse a file in which many repeat one with other content."""
         t, label = rows.t, rows.segment
         new = np.ones(len(t), dtype=bool)
         new[1:] = (np.diff(t) != 0) | (np.diff(label) != 0)
         if self._last is not None:
             new[0] = t[0] != self._last[0] or label[0] != self._last[1]
+        if self._base.n_repeated <= _FEW_REPEATED * self._base.n_rows:
+            # A logger that polls writes two rows within a tick of its clock here and there.
+            return new
         for row in np.flatnonzero(~new):
             # The row before may have been the last one of the block before.
             other = values[row - 1] if row else (self._last[2] if self._last is not None else values[row])

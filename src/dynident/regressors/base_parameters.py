@@ -115,7 +115,9 @@ def find_base_parameters(
     observation = Observation.from_columns(robot, columns, signals)
     n_states = _STATES_PER_COLUMN * len(columns) // robot.n + 20
     w = evaluate_at_random_states(observation, n_states, seed, at_rest=at_rest)
-    return select_base(w, tuple(column.name for column in columns), tolerance)
+    return select_base(
+        w, tuple(column.name for column in columns), tolerance, units=tuple(column.unit for column in columns)
+    )
 
 
 def find_base_parameters_among(
@@ -146,7 +148,11 @@ def find_base_parameters_among(
 
 
 def select_base(
-    w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE, n_known: int = 0
+    w: FloatArray,
+    names: tuple[str, ...],
+    tolerance: float = DEFAULT_TOLERANCE,
+    n_known: int = 0,
+    units: Sequence[str] | None = None,
 ) -> BaseParameters:
     """Choose independent columns of an observation matrix, earlier columns first.
 
@@ -160,6 +166,9 @@ def select_base(
         Share of a column's norm outside the columns before it, up to which it counts as dependent on them.
     n_known : int
         So many leading columns are independent already: they are kept, however little of them these states show.
+    units : sequence of str, optional
+        Units of the parameters. A column has no effect if its share of the largest one of its unit is at most the
+        tolerance: as the first moment of a link on a vertical axis that rounded angles tilt by 1e-7.
 
     Returns
     -------
@@ -170,6 +179,9 @@ def select_base(
     largest = norms.max(initial=0.0)
     # Zeroed before scaling: a column of rounding errors, scaled up, would pass for an independent one.
     null = norms <= _NULL * largest
+    for unit in set(units or ()):
+        alike = np.array([other == unit for other in units or ()])
+        null |= alike & (norms <= tolerance * norms[alike].max())
     null[:n_known] = norms[:n_known] <= 0.0
     scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))
     # Gram-Schmidt in the given order, not with pivoting: of dependent columns the earlier one has to stay, so that

@@ -22,7 +22,7 @@ from dynident.regressors.model_structure import is_in_run
 from dynident.regressors.observation_matrix import FurtherSignals, Observation, RegressorInputs
 from dynident.regressors.qr_accumulation import MOST_VALUES, EquationRows, RestRows, accumulate_equations
 from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
-from dynident.robot.contacts import find_mixed_joints, yield_mixing_matrices
+from dynident.robot.contacts import Mixing, find_mixed_joints, yield_mixing_matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +116,7 @@ class SampleFunction:
         self._recording = recording
         self._phases = phases
         self._memory = MemoryStates(observation.memory)
+        self._mixing: tuple[SampleBlock, list[Mixing]] | None = None
 
     def __call__(self, block: SampleBlock) -> FloatArray:
         """Return entries (m, number of entries); zero outside the used samples, where the value does not matter."""
@@ -164,35 +165,36 @@ class SampleFunction:
                     period=self._recording.period,
                 ),
                 out=out[part],
-                unknown=_find_unknown_torques(self._phases, block, part),
+                mixing=self._list_mixing(block) if self._observation.robot.contacts else None,
             )
 
     def read_torque(self, block: SampleBlock) -> FloatArray:
         """Return the torque (m, n) of a block of samples, without that of joints at rest as in the entries."""
         tau, part = block.tau.copy(), _find_used_part(block)
-        unknown = _find_unknown_torques(self._phases, block, part)
-        if unknown is not None:
-            robot, standing = self._observation.robot, np.flatnonzero(unknown.any(axis=1))
-            mixed, places = np.flatnonzero(find_mixed_joints(robot)), part.start + standing
-            for some, _, elimination in yield_mixing_matrices(robot, block.q[places], unknown[standing]):
+        if self._phases is not None and self._observation.robot.contacts:
+            mixed = np.flatnonzero(find_mixed_joints(self._observation.robot))
+            for some, _, elimination in self._list_mixing(block):
                 if elimination is not None:
-                    own = np.ix_(places[some], mixed)
-                    tau[own] = (elimination @ tau[own][:, :, None])[:, :, 0]
+                    own = tau[part][some]
+                    own[:, mixed] = (elimination @ own[:, mixed, None])[:, :, 0]
         return tau
+
+    def _list_mixing(self, block: SampleBlock) -> list[Mixing]:
+        """Return how contacts mix the equations at the used samples of a block: alike for entries and torques."""
+        if self._mixing is None or self._mixing[0] is not block:
+            part, unknown = _find_used_part(block), None
+            if self._phases is not None:
+                unknown = self._phases.find_unknown_torques(block.segment, block.t[part]) & block.used[part, None]
+            # Where the torques were projected: by filtered positions, a foot would be lifted earlier or later.
+            q = block.q if block.measured_q is None else block.measured_q
+            self._mixing = block, list(yield_mixing_matrices(self._observation.robot, q[part], unknown))
+        return self._mixing[1]
 
 
 def _find_used_part(block: SampleBlock) -> slice:
     """Return the samples from the first used one to the last."""
     used = np.flatnonzero(block.used)
     return slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0, 0)
-
-
-def _find_unknown_torques(phases: RowPhases | None, block: SampleBlock, part: slice) -> BoolArray | None:
-    """Return (m, n): where the friction of a joint at rest is in the equations of others; None where it never is."""
-    if phases is None:
-        return None
-    unknown = phases.find_unknown_torques(block.segment, block.t[part]) & block.used[part, None]
-    return unknown if unknown.any() else None
 
 
 def stream_filtered_samples(
@@ -282,7 +284,8 @@ def stream_filtered_samples(
             rows[:, held] = certain & moves
         return rows
 
-    for segment, t, rows in filter_in_parallel(recording, preprocessing, values, segments, torque.stop):
+    width = max(torque.stop, 2 * recording.n**2 * bool(observation.robot.contacts))  # Two matrices a sample are kept.
+    for segment, t, rows in filter_in_parallel(recording, preprocessing, values, segments, width):
         if not len(t):
             yield FilteredSamples(t, rows, rows, segment)
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals, get_effect
 from dynident.estimation import PriorInformation
 from dynident.expressions import Program
 from dynident.recordings import Preprocessing, Recording
-from dynident.robot.contacts import find_mixed_joints, yield_mixing_matrices
+from dynident.robot.contacts import Mixing, find_mixed_joints, yield_mixing_matrices
 from dynident.robot.robot_model import Robot
 
 
@@ -352,7 +352,7 @@ class Observation:
         memory: FloatArray,
         further: FurtherSignals = NOTHING_FURTHER,
         out: FloatArray | None = None,
-        unknown: BoolArray | None = None,
+        mixing: Iterable[Mixing] | None = None,
     ) -> FloatArray:
         """Evaluate the entries of W at m samples.
 
@@ -368,9 +368,8 @@ class Observation:
             What the columns depend on besides q, dq and ddq.
         out : (m, number of entries), optional
             Where to put the result.
-        unknown : (m, n) of bool, optional
-            Joints whose torque is unknown: it is taken out of the projected equations of the others. Only joints that
-            move a contact.
+        mixing : iterable, optional
+            How contacts mix the equations, from `yield_mixing_matrices`; by the positions `q` where left out.
 
         Returns
         -------
@@ -399,8 +398,8 @@ class Observation:
             _run(self.program, inputs, out, np.empty(0))
             return out
         # All programs share the matrices of a sample, which take longer than they.
-        for part, mixing, _ in yield_mixing_matrices(self.robot, q, unknown):
-            _run(self.program, [item[part] if item.ndim == 2 else item for item in inputs], out[part], mixing)
+        for part, matrices, _ in yield_mixing_matrices(self.robot, q, None) if mixing is None else mixing:
+            _run(self.program, [item[part] if item.ndim == 2 else item for item in inputs], out[part], matrices)
         return out
 
     def compute_sliding_states(self, dq: FloatArray) -> FloatArray:

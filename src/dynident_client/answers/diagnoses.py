@@ -402,6 +402,8 @@ class SeriesResult(TypedDict):
 class UnknownPattern(TypedDict):
     """A dependence of the residual that no effect of the catalogue explains."""
 
+    cause: str
+    """What looks like this, a sensor that drifts or a coupled drive"""
     joint: str
     share: float | None
     variable: Literal["position", "velocity", "acceleration", "load", "time", "other_joints"]

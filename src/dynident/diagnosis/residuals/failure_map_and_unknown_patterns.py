@@ -9,7 +9,7 @@ and, since friction changes sign with the direction, of the residual times the s
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -83,6 +83,8 @@ _NEARLY = 0.7
 _SHORTEST_BURST, _BURST_SHARE = 0.3, 0.4
 # Two variables must explain so many times what one of them does alone.
 _MORE_BY_TWO = 1.25
+# Share of what a dependence explains that its cause has to explain, with one or two numbers instead of its many bins.
+_OF_PATTERN = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,7 @@ class _PatternRows:
     dq: FloatArray
     ddq: FloatArray
     load: FloatArray
+    drive: FloatArray
     t: FloatArray
     row_block: IndexArray
 
@@ -121,6 +124,8 @@ class _PatternRows:
             dq=concatenate_signal("dq"),
             ddq=concatenate_signal("ddq"),
             load=concatenate_signal("load"),
+            # What the drive itself takes, such as friction: a link's load may be that of another parameter.
+            drive=np.concatenate([c.predicted - c.load for c in comparisons]),
             t=concatenate_signal("t"),
             row_block=number_blocks(comparisons),
         )
@@ -141,9 +146,10 @@ def find_unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPat
             # Several ways to sort the rows may stand for one variable: the best of them counts.
             best[variable] = max(best.get(variable, 0.0), share)
         most = max(best.values(), default=0.0)
-        patterns += [
-            UnknownPattern(name, v, share) for v, share in best.items() if share >= max(_SHARE, _NEARLY * most)
-        ]
+        own = [UnknownPattern(name, v, share) for v, share in best.items() if share >= max(_SHARE, _NEARLY * most)]
+        if own:
+            cause = _find_cause(rows, joint, j, comparisons[0], most)
+            patterns += [replace(pattern, cause=cause) if pattern.share == most else pattern for pattern in own]
     patterns += _find_burst_patterns(comparisons, {pattern.joint for pattern in patterns})
     return tuple(sorted(patterns, key=lambda pattern: -pattern.share))
 
@@ -215,6 +221,65 @@ def _compute_held_out_share(joint: _JointRows, bins: IndexArray) -> float:
         if t >= _T or (share >= _LARGE and t >= _T_OF_LARGE):
             best = max(best, share)
     return best
+
+
+def _find_cause(rows: _PatternRows, joint: _JointRows, j: int, comparison: Comparison, share: float) -> str:
+    """Word what explains nearly as much as a pattern: the drive of another joint, or an offset that changes in time."""
+    names, unit, telling = comparison.joint_names, comparison.units[j], joint.telling
+    # The joint's own friction, rotor, load and offset have taken their part of any cause already.
+    sign = np.sign(rows.dq[telling, j])
+    signals = (signal[telling, j] for signal in (rows.dq, rows.ddq, rows.load))
+    own = np.column_stack([np.ones(len(sign)), sign, *signals])
+    others = {
+        # Of the other joint's load the links of this one have taken their part: it is free beside its drive.
+        k: _fit_held_out(joint, np.column_stack([rows.drive[telling, k], rows.load[telling, k]]), own)
+        for k in range(len(names))
+        if k != j and comparison.units[k] == unit
+    }
+    t = (rows.t[telling] - rows.t.min()) / max(float(np.ptp(rows.t)), np.finfo(float).tiny)
+    # An offset that drifts does so slowly: a parabola over the whole recording.
+    drift, coefficients = _fit_held_out(joint, np.column_stack([t, t**2]), own)
+    k = max(others, key=lambda other: others[other][0], default=j)
+    if k != j and others[k][0] >= max(_OF_PATTERN * share, drift):
+        factor = float(others[k][1][0])
+        return (
+            f"The torque of {names[j]} contains about {factor:.2g} times that of the drive of {names[k]}: their motors "
+            f'are coupled, as in many wrists. State that among the robot\'s drives, "{names[k]}": {{"coupling": '
+            f'{{"{names[j]}": {-factor:.2g}}}}}, and give the columns as currents with drive gains, of 1 if they '
+            "are N m: stated as tau they count as torques of the joints."
+        )
+    if drift >= _OF_PATTERN * share:
+        course = coefficients[0] * np.array([0.0, 0.5, 1.0]) + coefficients[1] * np.array([0.0, 0.25, 1.0])
+        return (
+            f"The offset of the torque of {names[j]} drifts by about {np.ptp(course):.2g} {unit} within a recording, "
+            "as where a sensor warms up. Record after it has warmed up, or set it to zero before each recording and "
+            "keep these short."
+        )
+    return ""
+
+
+def _fit_held_out(joint: _JointRows, columns: FloatArray, own: FloatArray) -> tuple[float, FloatArray]:
+    """Return the held-out share of the residual's variance that columns (m, c) explain, and their factors (c,).
+
+    Each fold of blocks is predicted from the others; the joint's own columns are free in every fit.
+    """
+    residual, fold = joint.targets[0], joint.fold[joint.row_block]
+    total = float(residual @ residual)
+    if total <= 0.0:
+        return 0.0, np.zeros(columns.shape[1])
+    rows = np.column_stack([columns, own])
+    left = 0.0
+    for number in range(_FOLDS):
+        held = fold == number
+        left += float(((residual[held] - rows[held] @ _solve(rows[~held], residual[~held])) ** 2).sum())
+    return 1.0 - left / total, _solve(rows, residual)[: columns.shape[1]]
+
+
+def _solve(rows: FloatArray, right: FloatArray) -> FloatArray:
+    # Of equal size, so that small columns are not dropped.
+    sizes = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    solution: FloatArray = np.linalg.lstsq(rows / sizes, right, rcond=1e-9)[0] / sizes
+    return solution
 
 
 def _find_burst_patterns(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from dynident.array_types import FloatArray
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.infer_columns import propose
-from dynident.identification.column_inference.metadata_proposal import Guess, Proposal, Question
+from dynident.identification.column_inference.metadata_proposal import SURE, Guess, Proposal, Question
 from dynident.identification.robot_recording_import import build_recorded_joints, refute_clocks
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.arrow_tables import from_numbers
@@ -114,8 +114,30 @@ def inspect_file(
         rows=sample.values[:SHOWN_ROWS],
         sketch=sample.values[:: max(1, len(sample.values) // SKETCHED_ROWS)][:SKETCHED_ROWS],
         n_rows_seen=len(sample.values),
-        proposal=None if robot is None else _import_sample(propose(sample, robot), sample, robot, columns or {}),
+        proposal=None if robot is None else _import_sample(_propose(sample, robot), sample, robot, columns or {}),
     )
+
+
+_FOUND_BY_NAMES = ("columns/q", "columns/dq", "columns/tau", "columns/current")
+
+
+def _propose(sample: Sample, robot: Robot) -> Proposal:
+    """Propose what the columns are; of a file without time also what is known, or missing, at any rate of its rows."""
+    proposal = propose(sample, robot)
+    if "t" in sample.names or all(question.field != "columns/t" for question in proposal.questions):
+        return proposal
+    rates = (remedy.value for question in proposal.questions for remedy in question.remedies if remedy.field == "rate")
+    rate = next((value for value in rates if isinstance(value, float)), _ANY_RATE)
+    times = np.arange(len(sample.values)) / rate
+    timed = replace(sample, names=(*sample.names, "t"), values=np.column_stack([sample.values, times]))
+    at_rate = propose(replace(timed, has_stated_rate=True), robot)
+    guesses = (each for each in at_rate.guesses if each.field in _FOUND_BY_NAMES and each.confidence >= SURE)
+    missing = (replace(each, choices=sample.names) for each in at_rate.questions if each.field in _FOUND_BY_NAMES)
+    return replace(proposal, guesses=(*proposal.guesses, *guesses), questions=(*proposal.questions, *missing))
+
+
+_ANY_RATE = 100.0
+"""Hz of rows that have no time: only what the columns are called is told by it."""
 
 
 def _find_stated_signals(columns: Mapping[str, str], sample: Sample, robot: Robot) -> dict[str, str]:

@@ -18,7 +18,7 @@ from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import measure_reach
 
-LEAST_MOTION = np.deg2rad(3.5)
+LEAST_MOTION = np.deg2rad(6.0)
 """rad: in every recording at least one joint moves that far."""
 
 HARDLY_MOVES = np.deg2rad(10.0)

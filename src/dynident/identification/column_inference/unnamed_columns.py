@@ -11,10 +11,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.identification.column_inference.column_groups import ColumnGroup, infer_by_elimination
 from dynident.identification.column_inference.column_names import ColumnName, Signal
-from dynident.identification.column_inference.column_statistics import (
-    compute_roughness,
-    select_whole_signals,
-)
+from dynident.identification.column_inference.column_statistics import compute_roughness, select_whole_signals
 from dynident.identification.column_inference.metadata_proposal import COMMANDED_RANK
 from dynident.identification.column_inference.proposal_in_progress import WorkingProposal
 from dynident.number_format import format_percent
@@ -127,14 +124,17 @@ def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n:
     pairs = [(index, int(follower[index])) for index in led if follower[index] not in led]
     if len(pairs) != n:
         return None
+    firsts, seconds = (tuple(columns[pair[place]] for pair in pairs) for place in (0, 1))
     paired = {index for pair in pairs for index in pair}
     rest = [index for index in range(len(columns)) if index not in paired]
-    return UnnamedColumns(
-        tuple(columns[first] for first, _ in pairs),
-        tuple(columns[second] for _, second in pairs),
-        tuple(columns[index] for index in rest),
-        "some columns are the derivatives of others, and the other columns are not",
-    )
+    leader = {int(follower[index]): columns[index] for index in led if index in rest}
+    if set(leader) == {first for first, _ in pairs}:
+        # These are the derivatives of the positions. One joint's torque may be its acceleration, of a rotor.
+        positions = tuple(leader[first] for first, _ in pairs)
+        reason = "some columns are first and second derivatives of others"
+        return UnnamedColumns(positions, firsts, seconds if n == 1 else (), reason)
+    reason = "some columns are the derivatives of others, and the other columns are not"
+    return UnnamedColumns(firsts, seconds, tuple(columns[index] for index in rest), reason)
 
 
 def _split_three_blocks(

@@ -12,7 +12,6 @@ from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS, LINKS, ReferenceParameters, get_effect, get_role
 from dynident.estimation import Reduction, compute_errors, find_outlying_spans
 from dynident.estimation.residual_correlation import FEWEST_BLOCKS, find_equations_in_few_blocks
-from dynident.identification.description_prior import FRICTION_ROLES, has_plain_friction
 from dynident.identification.equations.model_and_data_checks import check_reduction, check_torque
 from dynident.identification.equations.reduced_recordings import Data, ReducedData, reduce_to_rows, reduce_torque
 from dynident.identification.estimation_problem import Problem, ShapeUncertainty
@@ -24,7 +23,7 @@ from dynident.identification.identified_models.identification_result import (
     IdentifiedParameter,
     RowsInMemory,
 )
-from dynident.identification.identified_models.other_conditions import describe_other_conditions
+from dynident.identification.identified_models.other_conditions import describe_other_conditions, warn_of_friction_signs
 from dynident.identification.shape_constant_intervals import judge_shape_constants
 from dynident.identification.shape_refinement import reduce_with_shapes
 from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue
@@ -36,7 +35,7 @@ from dynident.identification.thresholds import (
     LOAD_AND_GAINS,
     OVERFIT,
 )
-from dynident.number_format import format_number, format_percent
+from dynident.number_format import format_percent
 from dynident.parallel import defer
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
@@ -89,7 +88,7 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     sentences += _warn_of_other_equations(identification)
     sentences += _warn_of_excitation(identification)
     sentences += _warn_of_overfit(identification)
-    sentences += _warn_of_friction_signs(identification)
+    sentences += warn_of_friction_signs(identification)
     sentences += _warn_of_missing_torque(identification)
     sentences += _warn_of_load(identification)
     sentences += [OF_COMMANDS] if identification.data.from_commands else []
@@ -296,24 +295,6 @@ def _warn_of_overfit(identification: Identification) -> list[str]:
             f"{format_percent(fit.relative_total, decimals=1)} in the fit: {reason}"
         ]
     return []
-
-
-def _warn_of_friction_signs(identification: Identification) -> list[str]:
-    """Warn of negative friction, which would drive the motion: a sign or the order of joints is probably wrong.
-
-    Beside other friction effects a negative part is possible, so only plain models are judged.
-    """
-    if not has_plain_friction(identification.model):
-        return []
-    return [
-        f"{parameter.name} on {parameter.link} is negative ({format_number(parameter.value)} {parameter.unit}): check "
-        "the sign of its torque and the order of the torque columns."
-        for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
-        if get_role(column) in FRICTION_ROLES
-        and not column.runs
-        # Three standard deviations: noise alone takes hardly any of a dozen parameters that far below zero.
-        and parameter.value < -3.0 * parameter.standard_deviation
-    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,7 @@
-"""Say what differs in held-out recordings: another load, another friction, other temperatures."""
+"""Say what differs in held-out recordings: another load, another friction, other temperatures.
+
+Says what negative friction means as well: wrong columns, or a controller that compensates friction.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,11 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.effects import get_role
 from dynident.estimation import Reduction
-from dynident.identification.description_prior import FRICTION_ROLES
+from dynident.identification.description_prior import FRICTION_ROLES, has_plain_friction
 from dynident.identification.identified_models.identification_result import Identification
 from dynident.identification.standard_parameters import find_bodies
 from dynident.identification.thresholds import OVERFIT
-from dynident.number_format import format_percent
+from dynident.number_format import format_number, format_percent
 from dynident.recordings import Recording
 from dynident.regressors.errors_by_phase import compute_moving_errors
 
@@ -214,3 +217,39 @@ def _find_temperatures(recordings: Sequence[Recording]) -> tuple[float, float]:
     blocks = (block for recording in recordings for block in recording.source.rows(0, recording.n_samples, 1 << 16))
     means = [np.nanmedian(block.temperature, axis=0) for block in blocks if block.temperature is not None]
     return float(np.min(means)), float(np.max(means))
+
+
+def warn_of_friction_signs(identification: Identification) -> list[str]:
+    """Warn of negative friction, which would drive the motion: a sign or the order of joints is probably wrong.
+
+    Beside other friction effects a negative part is possible, so only plain models are judged.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    """
+    if not has_plain_friction(identification.model):
+        return []
+    friction = [
+        parameter
+        for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
+        if get_role(column) in FRICTION_ROLES and not column.runs
+    ]
+    # Three standard deviations: noise alone takes hardly any of a dozen parameters that far below zero.
+    negative = [parameter for parameter in friction if parameter.value < -3.0 * parameter.standard_deviation]
+    joints, wrong = ({parameter.link for parameter in own} for own in (friction, negative))
+    if len(wrong) > 1 and 2 * len(wrong) > len(joints):
+        # Exchanged or turned columns are those of some joints, and a turned sign of all turns the masses as well.
+        where = "all joints" if wrong == joints else "most joints"
+        names = ", ".join(parameter.name for parameter in negative)
+        return [
+            f"Friction is negative on {where} ({names}): these are probably not the torques of the drives, but what "
+            "the controller asks for beside its compensation of friction. Record the measured torque or current, or "
+            "switch that compensation off; the masses in this model are right all the same."
+        ]
+    return [
+        f"{parameter.name} on {parameter.link} is negative ({format_number(parameter.value)} {parameter.unit}): check "
+        "the sign of its torque and the order of the torque columns."
+        for parameter in negative
+    ]

@@ -180,8 +180,9 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     of_one_unit = [(replace(rows, tau=rows.tau / sizes), period) for rows, period in bands[band:]]
     is_known = _is_explained_by_one(faults, now)
     mounted = None if is_known else find_other_mounting(machine, of_one_unit, judges.plain_fit)
-    # One cause for the whole robot is more likely than several for some joints.
-    if mounted is not None and (len(faults) > 1 or mounted.explains.score <= now.score + ALIKE):
+    # One cause for the whole robot is more likely than several for some joints, unless they surely explain more.
+    several = len(faults) > 1 and mounted is not None and not mounted.explains.is_surely_above(now)
+    if mounted is not None and (several or mounted.explains.score <= now.score + ALIKE):
         faults = ()
     elif faults:
         mounted = None

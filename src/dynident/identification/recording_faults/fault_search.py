@@ -235,7 +235,9 @@ def _is_certain(step: _FaultStep, now: UnexplainedTorque, frictions: FloatArray,
     may_be_sure = fault.kind != "joint zero" and (fault.kind not in SCALED or len(fault.joints) > 1)
     by_friction = now.against > step.unexplained.against and is_proved_by_friction(fault, frictions, mended)
     is_clear = by_friction or fall >= (CERTAIN_OF_JOINTS if fault.is_of_whole_joints else CERTAIN)
-    return may_be_sure and is_clear and step.unexplained.average_share <= SOUND
+    # A joint of which held-out rows are explained worse than by nothing shows that the motion determines no model.
+    is_sound = step.unexplained.average_share <= SOUND and step.unexplained.worst_share < 1.0
+    return may_be_sure and is_clear and is_sound
 
 
 def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: UnexplainedTorque) -> _FaultStep | None:
@@ -441,7 +443,9 @@ class _TorqueEvidence:
 
 
 def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
-    """Tell whether neither masses nor friction refute a fault; too much friction is that of a scaled torque."""
+    """Tell whether neither masses nor friction nor limits refute a fault; too much friction is of a scaled torque."""
+    if fault.is_of_positions and _leaves_limits(robot, motion.q, fault.mend(motion).q):
+        return False
     if fault.kind == "torques swapped":
         # Joints at rest hold a load against gravity as others move it, but no friction.
         has_friction = find_joints_with_friction(sizes.frictions) | find_joints_with_friction(-sizes.frictions)
@@ -457,6 +461,15 @@ def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: 
     return are_nearer_to_others(robot, sizes.frictions, fault.joints, fault.factor) and all(
         is_nearer_to_masses(sizes.load, motion, joint, fault.factor) for joint in fault.joints
     )
+
+
+def _leaves_limits(robot: Robot, q: FloatArray, mended: FloatArray) -> bool:
+    """Tell whether a joint is within its limits all the time as recorded, and mostly out of them once mended."""
+    for joint, recorded, otherwise in zip(robot.joints, q.T, mended.T, strict=True):
+        low, high = joint.reach or (np.nan, np.nan)
+        if low <= recorded.min() <= recorded.max() <= high and not low <= np.median(otherwise) <= high:
+            return True
+    return False
 
 
 def find_excess_of_motion(robot: Robot, motion: Motion, judge: HeldOutFit | None = None) -> dict[int, float]:

@@ -40,8 +40,9 @@ _NO_FRICTION = 0.01
 """Share of a joint's torque that friction and inertia together may have: of measured torques friction alone has 0.02
 and more, even of direct drives, since joints move on bearings and seals."""
 
-_BY_CHANCE = 0.15
-"""Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance."""
+_BY_CHANCE, _OF_LIGHT = 0.15, 0.5
+"""Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance; and the
+one from which on the torque of a joint that carries little was measured."""
 
 _MOVES = 0.01
 """rad or m that the fastest joint must move in the mean, or nothing tells friction."""
@@ -88,7 +89,7 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     few = thin_out(motion, _STATIC_ROWS)
     q, dq, ddq, tau, block = few.q, few.dq, few.ddq, few.tau, few.block
     spread = tau.std(axis=0)
-    # Joints that carry little are left out: their torque is friction and noise.
+    # Joints that carry little are left out, unless they show friction: their torque is friction and noise.
     heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
     loads = judge.compute_load_columns(q)
     # What links of the description's masses add to their load in this motion, where it has masses.
@@ -96,17 +97,18 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     added = None if load is None else compute_described_torque(robot, q, dq, ddq) - load
     shows_inertia = added is None
     shares: list[tuple[float, float]] = []
-    for joint in np.flatnonzero(heavy):
+    for joint in np.flatnonzero((spread > 0) & (dq.std(axis=0) > 0)):
         # Dry and viscous friction and the inertia of the drive: what motion adds to any measured torque.
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
         share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
-        bound = max(_NO_FRICTION, _BY_CHANCE * share_left)
-        if share_left > _UNEXPLAINED_BY_GRAVITY or moving > bound:
+        bound = max(_NO_FRICTION, (_BY_CHANCE if heavy[joint] else _OF_LIGHT) * share_left)
+        if moving > bound or (heavy[joint] and share_left > _UNEXPLAINED_BY_GRAVITY):
             return None
-        if load is not None and added is not None:
+        if heavy[joint] and load is not None and added is not None:
             size = float(np.linalg.norm(load[:, joint]))
             shows_inertia = shows_inertia or _BELIEVED * float(np.linalg.norm(added[:, joint])) > bound * size
-        shares.append((share_left, moving))
+        if heavy[joint]:
+            shares.append((share_left, moving))
     # A sensor behind the gears measures no friction. In a slow motion it measures gravity alone, as a command would.
     if not shares or not shows_inertia:
         return None
@@ -334,7 +336,8 @@ def find_other_mounting(robot: Robot, bands: Sequence[tuple[Motion, float]], jud
         now = judge.measure_unexplained(motion)
         if now.worst_share >= _POOR:
             mounting = find_mounting(robot, motion)
-            is_explained = mounting.unexplained < _EXPLAINED or _do_masses_agree(robot, motion, mounting.gravity)
+            # A direction that leaves what made another one be looked for explains nothing, as of a few seconds.
+            is_explained = mounting.unexplained < _POOR or _do_masses_agree(robot, motion, mounting.gravity)
             if mounting.is_sure and now.is_surely_above(mounting.explains) and is_explained:
                 return mounting
         by_masses = _find_mounting_by_masses(robot, motion, now) if _has_masses(robot) else None

@@ -289,7 +289,7 @@ def _replace_by_spread(
             equation = joined.equations[k]
             own = compute_scores(equation.factors[:, :, :-1], compute_rests(equation, solution.values))
             scores[k] += own @ (moves.T @ to_scores)[equation.columns] / source.noise[k] ** 2
-    spread = estimate_cluster_covariance(joined, solution, kind, scores)
+    spread = estimate_cluster_covariance(joined, solution, kind, scores, is_ordered=True)
     covariance = spread.covariance + apart
     # Of a sum of variances (Welch).
     doubt += np.diag(spread.covariance) ** 2 / spread.freedom

@@ -1,6 +1,7 @@
-"""How far a posture is from limits of passive joints and from singular postures of closed loops, with derivatives.
+"""How far a posture is from limits of passive joints, singular postures of closed loops, and contact of thick links.
 
-Holds what a missing metre of clearance weighs, and what is asked of the balance of a robot on its feet.
+Everything has derivatives. Holds what a missing metre of clearance weighs, and what is asked of the balance of a robot
+on its feet.
 
 Follower joints have limits, and closed loops a distance to singular postures. Like the clearances of bodies, their
 slack is a function of the driven joints' posture alone, with exact derivatives.
@@ -15,7 +16,10 @@ from typing import Protocol
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
+from dynident.motion.collision.exact_distances import ContactCheck, SolidPair
+from dynident.motion.collision.smooth_clearance import ClearanceSlack, PointMap, normalise
 from dynident.motion.collision.surroundings import Standing
+from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.limits_and_drives import Limits
 from dynident.robot.loop_equations import FAR_FROM_SINGULAR
 from dynident.robot.robot_model import Linkage, Robot
@@ -201,6 +205,58 @@ class JoinedConstraints:
     def find_least(self, q: FloatArray) -> FloatArray:
         """Return the smallest slack (m,) at postures q (m, n)."""
         return np.asarray(np.min([part.find_least(q) for part in self.parts], axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class ExactClearances:
+    """Exact distances of pairs of solids that capsules are too thick for, such as the hips of a humanoid.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    pairs : tuple of SolidPair
+        The pairs.
+    clearance : (K,)
+        Distance to keep, m.
+    """
+
+    robot: Robot
+    pairs: tuple[SolidPair, ...]
+    clearance: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of distances K."""
+        return len(self.pairs)
+
+    def evaluate(self, q: FloatArray) -> ClearanceSlack:
+        """Return the distances beyond the clearance at postures q (m, n)."""
+        frames, tree = joint_frames(self.robot, q), self.robot.tree
+        # Of its own: searches run in several threads, and a check belongs to one.
+        check = ContactCheck(self.robot, self.pairs)
+        closest = [check.find_closest_points(pair, frames) for pair in self.pairs]
+        distance = np.stack([each for each, _ in closest], axis=1)
+        here, there = np.moveaxis(np.stack([points for _, points in closest], axis=1), (2, 3), (0, 1))
+        # Where solids overlap, the distance is negative and its points lie the other way round.
+        away = normalise(here - there)[1] * np.where(distance < 0, -1.0, 1.0)
+        numbers = [*range(self.count), *range(self.count)]
+        joints = [pair.moving.joint for pair in self.pairs] + [pair.other.joint for pair in self.pairs]
+        return ClearanceSlack(
+            distance - self.clearance,
+            np.concatenate([away, -away], axis=2),
+            np.concatenate([here, there], axis=2),
+            frames,
+            PointMap(numbers, joints, tree.n),
+            tree,
+            None if self.robot.linkage is None else self.robot.linkage.compute_jacobian(q),
+        )
+
+    def find_least(self, q: FloatArray) -> FloatArray:
+        """Return the smallest distance beyond the clearance (m,) at postures q (m, n)."""
+        check = ContactCheck(self.robot, self.pairs)
+        distances = [check.compute_distances(pair, q) for pair in self.pairs]
+        return np.asarray((np.stack(distances, axis=1) - self.clearance).min(axis=1))
 
 
 _SPARE = 0.005

@@ -258,6 +258,10 @@ class ContactCheck:
                 near[doubtful] = self._compute_distances(pair, _PlacedPostures(frames[doubtful])) < pair.clearance
         return near
 
+    def find_closest_points(self, pair: SolidPair, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distance (m,) of a pair, and the points (m, 2, 3) of both between which it lies, by frames."""
+        return self._find_closest_points(pair, _PlacedPostures(frames))
+
     def list_moving_joints(self, name: str) -> tuple[int, ...]:
         """Return the joints that change the distance of a pair of bodies, by the name of the pair; else all of them."""
         joints: set[int] = set()
@@ -317,16 +321,21 @@ class ContactCheck:
         frames = postures.frames
         distances, ends = np.empty((len(pairs), len(frames))), np.empty((len(pairs), len(frames), 2, 3))
         for place, pair in enumerate(pairs):
+            distances[place], points = self._find_closest_points(pair, postures)
             for k, frame in enumerate(frames):
-                # The least of the shapes' distances, with the points that it lies between.
-                distances[place, k], points = min(self._iterate_gaps(pair, postures, k), key=lambda gap: gap[0])
-                for end, (solid, point) in enumerate(zip((pair.moving, pair.other), points, strict=True)):
+                for end, (solid, point) in enumerate(zip((pair.moving, pair.other), points[k], strict=True)):
                     ends[place, k, end] = _transform_to_frame(solid, frame, point)
         clearances = np.array([pair.clearance for pair in pairs])
         to, rows = (distances - clearances[:, None]).argmin(axis=0), np.arange(len(frames))
         chosen = ends[to, rows]
         others = tuple(pair.other for pair in pairs)
         return Nearest(pairs[0].moving, others, to, distances[to, rows], clearances[to], chosen[:, 0], chosen[:, 1])
+
+    def _find_closest_points(self, pair: SolidPair, postures: _PlacedPostures) -> tuple[FloatArray, FloatArray]:
+        # The least of the shapes' distances, with the points that it lies between.
+        gaps = (self._iterate_gaps(pair, postures, k) for k in range(len(postures.frames)))
+        distances, points = zip(*(min(of_posture, key=lambda gap: gap[0]) for of_posture in gaps), strict=True)
+        return np.array(distances), np.array(points)
 
     def _compute_distances(self, pair: SolidPair, postures: _PlacedPostures) -> FloatArray:
         least = np.full(len(postures.frames), np.inf)
@@ -472,3 +481,19 @@ def list_nonadjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, B
         return parent if parent in shaped or parent == BASE else find_predecessor(parent)
 
     return [(a, b) for index, b in enumerate(bodies) for a in bodies[:index] if find_predecessor(b.joint) != a.joint]
+
+
+def word_contact(name: str, distance: float, clearance: float) -> str:
+    """Say that two things come too near each other.
+
+    Parameters
+    ----------
+    name : str
+        Names of both.
+    distance : float
+        Their smallest distance, m; not above 0 where they touch.
+    clearance : float
+        Distance that has to be kept, m.
+    """
+    near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
+    return f"'{name}' {near}; the clearance must be at least {clearance:g} m."

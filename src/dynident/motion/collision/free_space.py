@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.motion.collision.constraint_slack import Balance, Constraints, JoinedConstraints, LoopConstraints
+from dynident.motion.collision.constraint_slack import Balance, ExactClearances, JoinedConstraints, LoopConstraints
 from dynident.motion.collision.exact_distances import (
     ContactCheck,
     SolidPair,
@@ -22,6 +22,7 @@ from dynident.motion.collision.exact_distances import (
     build_pair,
     build_solid,
     list_nonadjacent,
+    word_contact,
 )
 from dynident.motion.collision.obstacle_geometry import (
     FLOOR_ASSUMED,
@@ -72,6 +73,8 @@ class FreeSpace:
         The robot, as its description gives it.
     clearances : ClearanceConstraints or None
         Smooth distances for the optimiser.
+    exact : ExactClearances, optional
+        Those of pairs that its capsules are too thick for.
     contacts : ContactCheck or None
         Exact distances for the final check.
     tool : ToolRange or None
@@ -94,11 +97,13 @@ class FreeSpace:
     loops: LoopConstraints | None = None
     assumed: bool = False
     balance: Balance | None = None
+    exact: ExactClearances | None = None
 
     @cached_property
-    def constraints(self) -> Constraints | None:
+    def constraints(self) -> JoinedConstraints | None:
         """All constraints of the optimiser; None where there are none."""
-        parts = tuple(part for part in (self.clearances, self.loops, self.balance) if part is not None and part.count)
+        every = (self.clearances, self.exact, self.loops, self.balance)
+        parts = tuple(part for part in every if part is not None and part.count)
         return JoinedConstraints(parts) if parts else None
 
     @property
@@ -160,22 +165,6 @@ class FreeSpace:
         Where that is less, it is the slack of joints that follow, of loops, or of the balance of a standing robot.
         """
         return np.full(len(q), np.inf) if self.constraints is None else self.constraints.find_least(q)
-
-
-def word_contact(name: str, distance: float, clearance: float) -> str:
-    """Say that two things come too near each other.
-
-    Parameters
-    ----------
-    name : str
-        Names of both.
-    distance : float
-        Their smallest distance, m; not above 0 where they touch.
-    clearance : float
-        Distance that has to be kept, m.
-    """
-    near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
-    return f"'{name}' {near}; the clearance must be at least {clearance:g} m."
 
 
 def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray) -> FreeSpace | None:
@@ -251,7 +240,7 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
         notes.append(
             f"Not checked against the surroundings, because they have {_NO_GEOMETRY}: {join_names(above_floor.bare)}."
         )
-    hindrances = _build_clearance_pairs(robot, above_floor, own, against, surroundings, postures)
+    hindrances, thick = _build_clearance_pairs(robot, above_floor, own, against, surroundings, postures)
     pairs = [*own, *against]
     if not pairs and tool is None and not notes:
         return None
@@ -262,6 +251,7 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
         tool=tool,
         notes=tuple(notes),
         assumed=assumed,
+        exact=ExactClearances(robot, thick, _add_spare([pair.clearance for pair in thick])) if thick else None,
     )
 
 
@@ -389,7 +379,7 @@ def _build_clearance_pairs(
     against: Sequence[SolidPair],
     surroundings: Surroundings,
     postures: FloatArray,
-) -> ClearancePairs:
+) -> tuple[ClearancePairs, tuple[SolidPair, ...]]:
     kept_from = {(pair.moving.joint, pair.other.name): pair.clearance for pair in against}
     parts = {
         body.joint: [
@@ -397,7 +387,7 @@ def _build_clearance_pairs(
         ]
         for body in geometry.bodies
     }
-    capsules = [(b, a) for pair in own for b in parts[pair.moving.joint] for a in parts[pair.other.joint]]
+    capsules = [(pair, (b, a)) for pair in own for b in parts[pair.moving.joint] for a in parts[pair.other.joint]]
     moving = [part for joint, joint_parts in parts.items() if joint != BASE for part in joint_parts]
     half_spaces = _select_attainable_ends(
         robot,
@@ -419,21 +409,26 @@ def _build_clearance_pairs(
         if (part.joint, box.solid_name) in kept_from
         for ball in cover_with_balls(part)
     ]
-    followed = _select_followed(robot, capsules, surroundings.clearance, postures)
+    followed, thick = _select_followed(robot, capsules, postures)
     # In the order of the distances: pairs of links, ends at planes, planes of the tool, boxes.
     clearances = [
-        *(surroundings.clearance for _ in followed),
+        *(pair.clearance for pair, _ in followed),
         *(kept_from[ball.joint, half.name] for ball, half in half_spaces),
         *(surroundings.clearance for _ in planes),
         *(kept_from[ball.joint, box.solid_name] for ball, box in box_balls),
     ]
-    # What is designed for is a little more than what must hold: the arm moves between the samples as well.
-    return ClearancePairs(
-        tuple(followed),
+    hindrances = ClearancePairs(
+        tuple(pair for _, pair in followed),
         (*half_spaces, *planes),
         tuple((ball, build_block(box)) for ball, box in box_balls),
-        np.array(clearances) + np.minimum(_SPARE, 0.1 * np.array(clearances)),
+        _add_spare(clearances),
     )
+    return hindrances, thick
+
+
+def _add_spare(clearances: Sequence[float]) -> FloatArray:
+    # What is designed for is a little more than what must hold: the arm moves between the samples as well.
+    return np.array(clearances) + np.minimum(_SPARE, 0.1 * np.array(clearances))
 
 
 def _select_attainable_ends(
@@ -459,20 +454,22 @@ def _select_attainable_ends(
 
 
 def _select_followed(
-    robot: Robot, capsules: Sequence[tuple[CapsulePart, CapsulePart]], clearance: float, postures: FloatArray
-) -> list[tuple[CapsulePart, CapsulePart]]:
-    """Return pairs of capsules that come near each other, but are not so thick that they always are."""
+    robot: Robot, capsules: Sequence[tuple[SolidPair, tuple[CapsulePart, CapsulePart]]], postures: FloatArray
+) -> tuple[list[tuple[SolidPair, tuple[CapsulePart, CapsulePart]]], tuple[SolidPair, ...]]:
+    """Return capsules that come near each other, and pairs that come near and whose capsules are too thick to tell."""
     if not capsules:
-        return []
-    slacks = (
-        ClearanceConstraints(robot, ClearancePairs(pairs=tuple(capsules), clearance=clearance))
-        .evaluate(postures)
-        .values
+        return [], ()
+    hindrances = ClearancePairs(
+        tuple(each for _, each in capsules), clearance=np.array([p.clearance for p, _ in capsules])
     )
+    slacks = ClearanceConstraints(robot, hindrances).evaluate(postures).values
     # Capsules are thicker than the links. A pair that they hold nearer than the clearance most of the time would forbid
-    # almost every motion; the exact shapes are checked in the end.
-    useful = (slacks.min(axis=0) < _NEAR) & (np.mean(slacks < 0, axis=0) < _MOSTLY)
-    return [pair for pair, is_useful in zip(capsules, useful, strict=True) if is_useful]
+    # almost every motion.
+    near, thick = slacks.min(axis=0) < _NEAR, np.mean(slacks < 0, axis=0) >= _MOSTLY
+    hidden = dict.fromkeys(pair for (pair, _), is_hidden in zip(capsules, near & thick, strict=True) if is_hidden)
+    check = ContactCheck(robot, tuple(hidden))
+    exact = tuple(pair for pair in hidden if (check.compute_distances(pair, postures) < pair.clearance).any())
+    return [each for each, is_useful in zip(capsules, near & ~thick, strict=True) if is_useful], exact
 
 
 def _build_tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, HalfSpace]]:

@@ -137,6 +137,8 @@ def _clip_shares(shares: FloatArray) -> FloatArray:
 _BALL_SPACING = 0.5
 # Postures that are evaluated at a time.
 _AT_ONCE = 1000
+# Distance (m) beyond the clearance from which on a lower bound of it does.
+_FAR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +202,11 @@ class ClearancePairs:
         """Number of distances K."""
         return len(self.pairs) + len(self.half_spaces) + len(self.blocks)
 
+    @property
+    def pair_clearance(self) -> FloatArray:
+        """Distance to keep (k,) between the capsules of each pair, m."""
+        return np.broadcast_to(self.clearance, self.count)[: len(self.pairs)]
+
 
 def cover_with_balls(part: CapsulePart) -> list[Ball]:
     """Return balls whose union contains a capsule."""
@@ -224,7 +231,7 @@ class ClearanceSlack:
     _forces: FloatArray
     _places: FloatArray
     _frames: FloatArray
-    _map: _PointMap
+    _map: PointMap
     _robot: Robot
     _rates: FloatArray | None
 
@@ -235,9 +242,12 @@ class ClearanceSlack:
 
     def _pull_back_to_tree(self, gradient: FloatArray) -> FloatArray:
         """Return the torques (m, N) of all joints that carry links."""
-        forces = self._map.gather_gradient(gradient) * self._forces
-        force = self._map.sum_over_joints(forces)
-        moment = self._map.sum_over_joints(cross(self._places, forces))
+        # Most pairs are far from each other, and act on nothing.
+        sizes = self._map.gather_gradient(gradient)
+        acting = np.flatnonzero(sizes.any(axis=0))
+        forces = sizes[:, acting] * self._forces[:, :, acting]
+        force = self._map.sum_over_joints(forces, acting)
+        moment = self._map.sum_over_joints(cross(self._places[:, :, acting], forces), acting)
         torques = np.empty((len(gradient), self._robot.n))
         # By the principle of virtual work: forces and moments about the base's origin add up from the tips to the base,
         # as in the backward recursion of Newton-Euler.
@@ -254,8 +264,8 @@ class ClearanceSlack:
         return torques
 
 
-class _PointMap:
-    """Assignment of forces to slacks and to the joints that they move."""
+class PointMap:
+    """Assignment of forces to slacks and to the joints that they move; -1 is the base."""
 
     def __init__(self, slacks: Sequence[int], joints: Sequence[int], n: int) -> None:
         self._slacks = np.array(slacks, dtype=np.intp)
@@ -265,10 +275,12 @@ class _PointMap:
                 self._incidence[k, joint] = 1.0
 
     def gather_gradient(self, gradient: FloatArray) -> FloatArray:
+        """Return for each force the derivative (m, F) over its slack, of those over all slacks (m, K)."""
         return gradient[:, self._slacks]
 
-    def sum_over_joints(self, vectors: FloatArray) -> FloatArray:
-        summed: FloatArray = vectors @ self._incidence
+    def sum_over_joints(self, vectors: FloatArray, acting: IndexArray) -> FloatArray:
+        """Return sums (3, m, n) of vectors (3, m, f) by the joints that they act on; f of all F forces are `acting`."""
+        summed: FloatArray = vectors @ self._incidence[acting]
         return summed
 
 
@@ -286,18 +298,24 @@ class ClearanceConstraints:
     def __init__(self, robot: Robot, hindrances: ClearancePairs) -> None:
         self.robot, self.hindrances = robot, hindrances
         pairs = hindrances.pairs
-        starts_and_ends = [[(part.joint, point) for point in _get_ends(part)] for pair in pairs for part in pair]
-        ends = [of_pair[end] for part in (0, 1) for end in (0, 1) for of_pair in starts_and_ends[part::2]]
+        parts = list(dict.fromkeys(part for pair in pairs for part in pair))
+        ends = [(part.joint, point) for part in parts for point in (part.capsule.start, part.capsule.end)]
         balls = [ball for ball, _ in (*hindrances.half_spaces, *hindrances.blocks)]
         self._points = _CarriedPoints([*ends, *((ball.joint, ball.point) for ball in balls)], robot.tree.n)
+        # Every capsule stands once among the points, with its two ends, however many pairs it is in.
+        number = {part: k for k, part in enumerate(parts)}
+        self._n_parts = len(parts)
+        self._pairs = np.array([[number[part] for part in pair] for pair in pairs], dtype=np.intp).reshape(-1, 2)
         self._pair_radii = np.array([a.capsule.radius + b.capsule.radius for a, b in pairs])
+        half_lengths = [0.5 * float(np.linalg.norm(part.capsule.end - part.capsule.start)) for part in parts]
+        self._half_lengths = np.array(half_lengths)[self._pairs].sum(axis=1)
         self._ball_radii = np.array([ball.radius for ball in balls])
         self._normals = np.array([half.normal for _, half in hindrances.half_spaces]).reshape(-1, 1, 3).T
         self._offsets = np.array([half.offset for _, half in hindrances.half_spaces])
         # A pair of capsules is moved by forces at both of its closest points, a ball by one at its centre.
         slacks = [*range(len(pairs)), *range(len(pairs)), *(len(pairs) + k for k in range(len(balls)))]
         joints = [*(a.joint for a, _ in pairs), *(b.joint for _, b in pairs), *(ball.joint for ball in balls)]
-        self._map = _PointMap(slacks, joints, robot.tree.n)
+        self._map = PointMap(slacks, joints, robot.tree.n)
 
     @property
     def count(self) -> int:
@@ -309,9 +327,8 @@ class ClearanceConstraints:
         frames = joint_frames(self.robot, q)
         world = self._points.locate(frames)
         n_planes = len(self._offsets)
-        on_a, on_b = self._find_closest_points(world)
-        distance, separation = normalise(on_a - on_b)
-        balls = world[:, :, 4 * len(self._pair_radii) :]
+        on_a, on_b, distance, separation = self._find_closest_points(world)
+        balls = world[:, :, 2 * self._n_parts :]
         from_boxes, away = self._measure_blocks(balls[:, :, n_planes:])
         upward = np.broadcast_to(self._normals, (3, len(q), n_planes))
         return ClearanceSlack(
@@ -335,18 +352,31 @@ class ClearanceConstraints:
         for first in range(0, len(q), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             world = self._points.locate(joint_frames(self.robot, q[part]))
-            on_a, on_b = self._find_closest_points(world)
-            balls = world[:, :, 4 * len(self._pair_radii) :]
+            balls = world[:, :, 2 * self._n_parts :]
             from_boxes, _ = self._measure_blocks(balls[:, :, len(self._offsets) :])
-            least[part] = self._subtract_sizes(normalise(on_a - on_b)[0], balls, from_boxes).min(axis=1)
+            least[part] = self._subtract_sizes(self._find_closest_points(world)[2], balls, from_boxes).min(axis=1)
         return least
 
-    def _find_closest_points(self, world: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the closest points (3, m, pairs) of the centre lines of each pair of capsules."""
-        n_pairs = len(self._pair_radii)
-        a, a_end, b, b_end = (world[:, :, k * n_pairs : (k + 1) * n_pairs] for k in range(4))
+    def _find_closest_points(self, world: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the closest points (3, m, pairs) of the centre lines of each pair of capsules.
+
+        Distance (m, pairs) and direction (3, m, pairs) of the first from the second come with them. Where a pair is
+        farther than `_FAR`, its points are the middles, and the distance is a lower bound, by balls around the
+        capsules: such pairs are most, and act on nothing.
+        """
+        starts, ends = world[:, :, 0 : 2 * self._n_parts : 2], world[:, :, 1 : 2 * self._n_parts : 2]
+        first, second = self._pairs.T
+        middles = 0.5 * (starts + ends)
+        on_a, on_b = middles[:, :, first], middles[:, :, second]
+        distance, direction = normalise(on_a - on_b)
+        distance -= self._half_lengths
+        postures, pairs = np.nonzero(distance < self._pair_radii + self.hindrances.pair_clearance + _FAR)
+        a, a_end, b, b_end = (of[:, postures, part[pairs]] for part in (first, second) for of in (starts, ends))
         s, t = find_closest_shares(a, a_end, b, b_end)
-        return a + s * (a_end - a), b + t * (b_end - b)
+        here, there = a + s * (a_end - a), b + t * (b_end - b)
+        on_a[:, postures, pairs], on_b[:, postures, pairs] = here, there
+        distance[postures, pairs], direction[:, postures, pairs] = normalise(here - there)
+        return on_a, on_b, distance, direction
 
     def _subtract_sizes(self, distance: FloatArray, balls: FloatArray, from_boxes: FloatArray) -> FloatArray:
         """Return the distances beyond the clearance (m, K) from those of centre lines, planes and boxes' centres."""
@@ -395,7 +425,3 @@ class _CarriedPoints:
             np.matmul(frame[:, :, :3], self._local[chosen].T, out=world[:, :, chosen])
             world[:, :, chosen] += frame[:, :, 3:]
         return world[:, :, self._places]
-
-
-def _get_ends(part: CapsulePart) -> tuple[FloatArray, FloatArray]:
-    return part.capsule.start, part.capsule.end

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.motion.collision.constraint_slack import Balance, LoopConstraints, word_fall, word_singularity, word_slip
-from dynident.motion.collision.exact_distances import Approach
-from dynident.motion.collision.free_space import FreeSpace, word_contact
+from dynident.motion.collision.exact_distances import Approach, word_contact
+from dynident.motion.collision.free_space import FreeSpace
 from dynident.motion.joint_trajectories import Family, Motion
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
 from dynident.motion.limits.postures_within_limits import CENTRAL_SHARE

@@ -1,18 +1,15 @@
-"""Repair missing samples (marks such as -9999; short gaps are bridged), held or frozen ones, and drives that are off.
+"""Repair missing samples (short gaps are bridged), held or frozen ones, and drives that are off.
 
 Holds the longest hold (0.2 s) and the most missing rows (30 %).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import pyarrow as pa
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.conditioning.windows_and_changed_rows import (
     MARGIN_ROWS,
     ChangedRows,
@@ -20,7 +17,6 @@ from dynident.recordings.conditioning.windows_and_changed_rows import (
     Window,
     find_run_edges,
 )
-from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.recording import are_readings
 from dynident.recordings.recording_metadata import Check
 from dynident.recordings.units import format_time
@@ -87,6 +83,9 @@ RARELY = 0.02
 JUMPS = 5.0
 """Times its steps from row to row, the 1 % largest apart, that a position goes at once where it was frozen before."""
 
+FEWEST_AWAY = 13
+"""Rows for which a position that jumps away and back is the same; fewer are corrupted samples, which are mended."""
+
 BENT = 0.003
 """rad or m off a straight line by which a joint surely speeds up or slows down: twice the count of a coarse encoder."""
 
@@ -95,7 +94,8 @@ class FrozenSignals:
     """Removes signals while they stay exactly the same although their joint moves, as where a bus loses them.
 
     Torques do so while those of other joints go on, and their own joint speeds up or slows down: of one that stands, or
-    moves evenly, they may be constant. Positions jump at the end; those of joints that stand do not.
+    moves evenly, they may be constant. Positions jump at the end; those of joints that stand do not. Where they jump to
+    another value as well, as encoders that read 0 for a moment, they are no measurement for however short a time.
     """
 
     name = "frozen_signals"
@@ -122,8 +122,14 @@ class FrozenSignals:
             n_others = len(same) - n_long
             # Coarse signals repeat everywhere; of a window that is frozen as a whole the one before has told.
             is_fine = np.count_nonzero(same[:, column]) - n_long <= RARELY * n_others and n_others > shortest
-            is_frozen = self._is_frozen_torque if column in self._signals.position else self._is_frozen_position
+            is_torque = column in self._signals.position
+            is_frozen = self._is_frozen_torque if is_torque else self._is_frozen_position
+            if not is_torque:
+                # A position that jumps away and back is none, however soon: the joint cannot have been there.
+                is_long |= (stops - starts >= FEWEST_AWAY) & self._jumps_away(window, column, starts, stops)
             for start, stop in zip(starts[is_long].tolist(), stops[is_long].tolist(), strict=True):
+                if stop - start < shortest:
+                    start -= 1  # the first of the equal samples is as wrong as those that repeat it
                 begin, removed = window.first_row + start, False
                 if start == 1:
                     begin, removed = known.get(column, (begin, removed))
@@ -155,13 +161,22 @@ class FrozenSignals:
         return float(np.abs(q - np.interp(t, t[[0, -1]], q[[0, -1]])).max()) > BENT
 
     def _is_frozen_position(self, window: Window, same: BoolArray, column: int, start: int, stop: int) -> bool:
+        steps = self._compute_steps(window, column)
+        return stop < len(same) and steps[stop - 1] > _find_far_step(steps)
+
+    def _jumps_away(self, window: Window, column: int, starts: IntArray, stops: IntArray) -> BoolArray:
+        """Return whether a position jumps at both ends of intervals in which it is the same."""
+        steps = self._compute_steps(window, column)
+        inner = (starts >= 2) & (stops <= len(steps))
+        into, out_of = steps[np.where(inner, starts - 2, 0)], steps[np.where(inner, stops - 1, 0)]
+        return np.asarray(inner & (np.minimum(into, out_of) > _find_far_step(steps)))
+
+    def _compute_steps(self, window: Window, column: int) -> FloatArray:
+        """Return the sizes (m - 1,) of a position's steps from row to row."""
         steps = np.diff(window.values[:, column])
         if self._signals.turning[column]:
             steps -= 2.0 * np.pi * np.rint(steps / (2.0 * np.pi))  # the border of an angle is no jump
-        steps = np.where(np.diff(window.run) == 0, np.abs(steps), 0.0)
-        moves = steps[steps > 0.0]
-        as_far = int(np.count_nonzero(JUMPS * moves >= steps[stop - 1])) if stop < len(same) else len(steps)
-        return as_far < RARELY / 2.0 * len(moves)
+        return np.where(np.diff(window.run) == 0, np.abs(steps), 0.0)
 
     def checks(self) -> list[Check]:
         """Report where signals were frozen."""
@@ -175,6 +190,12 @@ class FrozenSignals:
             f"drive was off. These rows are not used, and no filter runs across them.{late} If the values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]
+
+
+def _find_far_step(steps: FloatArray) -> float:
+    """Return the step from row to row above which a position jumps."""
+    moves = steps[steps > 0.0]
+    return JUMPS * float(np.quantile(moves, 1.0 - RARELY / 2.0)) if len(moves) else np.inf
 
 
 LONGEST_HOLD = 0.2
@@ -439,62 +460,3 @@ def _interpolate_cubic(t: FloatArray, x: FloatArray, times: FloatArray) -> Float
                 weight *= (times - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
         result += weight * x[:, index : index + 1]
     return result
-
-
-_NINES = tuple(sign * (10.0**digits - 1.0) for digits in range(3, 10) for sign in (-1.0, 1.0))
-_HUGE = 1e30
-_FEWEST_MARKS, _FAR = 3, 5.0
-"""Cells that hold a mark, and how many times larger it is than every other number of its column."""
-
-
-class MarkedGapsSource(FileSource):
-    """A file in which a number that no sensor gives, such as -9999, stands for a missing one."""
-
-    def __init__(self, source: FileSource, marks: Mapping[str, float]) -> None:
-        super().__init__(source.names, source.units)
-        self._source, self._marks = source, marks
-        self.sample_rows, self.texts, self.has_gaps = source.sample_rows, source.texts, source.has_gaps
-        self.inner, self.clocks = source, source.clocks
-        numbers, names = sorted(set(marks.values())), list(marks)
-        self.own_remarks = (
-            f"{' or '.join(f'{number:g}' for number in numbers)} stands for a missing number, in "
-            f"{', '.join(names[:_SHOWN_NAMES])}{', …' if len(names) > _SHOWN_NAMES else ''}.",
-        )
-
-    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        first_row = 0
-        for batch in self._source.batches(columns):
-            arrays = []
-            for name in columns:
-                column = batch.column(batch.schema.get_field_index(name))
-                if name in self._marks:
-                    values = to_float_column(batch, name, first_row)
-                    column = from_numbers(np.where(values == self._marks[name], np.nan, values))
-                arrays.append(column)
-            yield pa.RecordBatch.from_arrays(arrays, names=columns)
-            first_row += batch.num_rows
-
-
-_SHOWN_NAMES = 4
-
-
-def read_marked_gaps(source: FileSource) -> FileSource:
-    """Return the file with missing numbers where its first rows have marks for them; else the same object."""
-    names = [name for name in source.names if name not in source.texts]
-    first = next(source.batches(names), None) if names else None
-    if first is None:
-        return source
-    possible: list[tuple[str, float, int]] = []
-    for name in names:
-        values = to_float_column(first, name, 0)
-        values = values[np.isfinite(values)]
-        for mark in {float(values.min()), float(values.max())} if len(values) else ():
-            if mark not in _NINES and abs(mark) < _HUGE:
-                continue
-            others = np.abs(values[values != mark])
-            if others.max(initial=0.0) * _FAR < abs(mark):
-                possible.append((name, mark, len(values) - len(others)))
-    # A column may have few of them, or one: all columns together tell a mark.
-    counts = {mark: sum(count for _, other, count in possible if other == mark) for _, mark, _ in possible}
-    marks = {name: mark for name, mark, _ in possible if counts[mark] >= _FEWEST_MARKS}
-    return MarkedGapsSource(source, marks) if marks else source

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 import os
 import re
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType
 from typing import IO, Any
 
@@ -24,7 +22,6 @@ from dynident.recordings.file_source import FileSource
 from dynident.recordings.recording_metadata import RecordingError
 from dynident.recordings.time_columns import describe_foreign_clock, is_time_name
 
-_AT_ONCE = 2**20
 _NONE: Mapping[str, str] = MappingProxyType({})
 
 
@@ -75,54 +72,6 @@ class ArrayPlace:
         # Reading at a place moves no position, so that all arrays of a file can share it.
         data = os.pread(self.file.fileno(), count * self.kind.itemsize, self.start + first * self.kind.itemsize)
         return np.frombuffer(data, dtype=self.kind, count=count)
-
-
-class UnpackedParts:
-    """The decompressed parts of a file, one behind another in a temporary file, where parts of them can be read.
-
-    Parameters
-    ----------
-    size : int
-        Bytes of all parts.
-
-    Raises
-    ------
-    RecordingError
-        The disk has no room for them.
-    """
-
-    def __init__(self, size: int) -> None:
-        free = shutil.disk_usage(tempfile.gettempdir()).free
-        if size > free:
-            detail = f"The file unpacks to {size / 2**20:.0f} MB, but only {free / 2**20:.0f} MB are free on the disk."
-            raise RecordingError(detail, title="Not enough disk space")
-        self.file: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the arrays that lie in it
-
-    def append(self, read: Callable[[int], bytes], size: int) -> tuple[int, int]:
-        """Unpack one more part.
-
-        Parameters
-        ----------
-        read : callable
-            Gives the next bytes, at most so many, and none at the end.
-        size : int
-            Bytes that it says to unpack to. `ValueError` where there are fewer; more are not read.
-
-        Returns
-        -------
-        int, int
-            Its first byte, and the first one behind it.
-        """
-        start, n_left = self.file.seek(0, 2), size
-        # In pieces, so that memory does not grow with the file.
-        while n_left and (part := read(min(_AT_ONCE, n_left))):
-            n_left -= len(part)
-            self.file.write(part)
-        if n_left:
-            raise ValueError("a compressed part ends too early")
-        # Arrays are read by the file's number, past Python's buffer: what waits in it would be missing.
-        self.file.flush()
-        return start, start + size
 
 
 MOST_WORDS = 64
@@ -192,6 +141,7 @@ class ArrayFileSource(FileSource):
         names = _distinguish([array.name for array in arrays])
         arrays = [replace(array, name=name) for array, name in zip(arrays, names, strict=True)]
         arrays = [array for array in arrays if 1 <= len(array.shape) <= 2 and min(array.shape) > 0]
+        arrays = _split_timed_pairs(arrays)
         labelled = _name_by_labels(arrays)
         runs, left_out = _find_runs(labelled)
         if runs:
@@ -344,6 +294,40 @@ def _distinguish(names: Sequence[str]) -> list[str]:
         taken.add(other)
         own.append(other)
     return own
+
+
+_LOOKED_AT = 4096
+
+
+def _split_timed_pairs(arrays: Sequence[StoredArray]) -> list[StoredArray]:
+    """Return pairs of time and value, an array for each signal, as two arrays; others as they are.
+
+    Loggers that store one signal an array do so for all: each of at least two arrays of two columns has rising times.
+    """
+    pairs = [array for array in arrays if len(array.shape) == 2 and 2 in array.shape and max(array.shape) > FEWEST_ROWS]
+    if len(pairs) < 2 or any(is_time_name(array.name) for array in arrays):
+        return list(arrays)
+    begins = []
+    for array in pairs:
+        length = max(array.shape)
+        times = array.read(0, min(length, _LOOKED_AT), array.shape.index(length))[:, 0]
+        if not (np.diff(times) > 0.0).all():
+            return list(arrays)
+        begins.append((float(times[0]), float(times[-1])))
+    if max(begin for begin, _ in begins) >= min(end for _, end in begins):
+        return list(arrays)
+
+    def split(array: StoredArray) -> Iterator[StoredArray]:
+        for column, ending in enumerate(("time", "data")):
+            yield StoredArray(f"{array.name}/{ending}", (max(array.shape),), partial(_read_column, array, column))
+
+    return [part for array in arrays for part in (split(array) if array in pairs else (array,))]
+
+
+def _read_column(array: StoredArray, column: int, first: int, last: int, axis: int) -> FloatArray:
+    """Read a part of one of an array's two columns; the axis is that of the column alone."""
+    del axis
+    return array.read(first, last, array.shape.index(max(array.shape)))[:, column]
 
 
 def _name_by_labels(arrays: Sequence[StoredArray]) -> list[StoredArray]:

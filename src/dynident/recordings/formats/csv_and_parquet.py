@@ -1,4 +1,4 @@
-"""Readers of CSV (any dialect; which cells count as empty), Parquet, Feather, and tables with a row for each value."""
+"""Readers of CSV (any dialect; which cells count as empty), Parquet and Feather."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from threading import Event
 from typing import IO
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
@@ -30,23 +28,19 @@ from dynident.recordings.arrow_tables import (
 from dynident.recordings.cells_without_numbers import (
     expand_lists,
     expand_names,
-    find_label_columns,
     find_stored_name,
-    join_labels,
     list_columns,
     list_texts,
     name_list_places,
 )
 from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes, empty_repeated_names
 from dynident.recordings.file_size_limits import (
-    MOST_UNPACKED,
-    TITLE,
     check_columns,
     check_unpacked,
     choose_block_rows,
     make_damaged_error,
 )
-from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.text_streams import (
     CHANGES_OF_CELLS,
     RewrittenText,
@@ -284,8 +278,7 @@ class CsvFileSource(FileSource):
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
         text = self._open_text()
         judge = partial(self._odd_rows.judge_row)
-        is_released = Event()
-        weakref.finalize(judge, is_released.set).atexit = False
+        releases = [_watch_release(part) for part in (judge, text) if not isinstance(part, str)]
         reader = None
         try:
             with pacsv.open_csv(
@@ -308,11 +301,12 @@ class CsvFileSource(FileSource):
                     yield self._parse_word_columns(batch) if self._worded.keys() & columns else batch
         finally:
             # Arrow reads ahead in a thread, which aborts the program where it calls Python as that ends. The text ends
-            # here, and the thread is awaited: it lets go of the judge of rows last.
+            # here, and the thread is awaited: until it has let go of the judge of rows, and of the text.
             if isinstance(text, io.BufferedReader) and isinstance(text.raw, RewrittenText):
                 text.raw.is_ended = True
-            del reader, judge
-            is_released.wait(_PATIENCE)
+            del reader, judge, text
+            for is_released in releases:
+                is_released.wait(_PATIENCE)
 
     def _parse_word_columns(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Return the batch with numbers in columns with words; a word is a missing value."""
@@ -361,6 +355,13 @@ class _OddRows:
 
 
 _SHOWN = 60  # characters of a row
+
+
+def _watch_release(watched: object) -> Event:
+    """Return what is set once nobody holds an object any more."""
+    is_released = Event()
+    weakref.finalize(watched, is_released.set).atexit = False
+    return is_released
 
 
 def _find_word_column(message: str, dialect: Dialect) -> str | None:
@@ -439,62 +440,3 @@ class StackedSource(FileSource):
         size = choose_block_rows(len(columns))
         for first in range(0, len(next(iter(values.values()))), size):
             yield batch_from_arrays({name: column[first : first + size] for name, column in values.items()}, columns)
-
-
-def join_stacked_series(source: FileSource) -> FileSource:
-    """Return the file with a column for each signal, if the signals stand one below another; else the same object.
-
-    Raises
-    ------
-    RecordingError
-        For more rows than fit into memory.
-    """
-    labels, columns, _ = find_label_columns(source, source.texts)
-    time = next(filter(is_time_name, source.names), None)
-    if not labels or not columns or time is None or any(len(set(source.texts[name])) > 1 for name in labels):
-        return source
-    parts: dict[str, list[FloatArray]] = {}
-    last, last_time, first_row, n_bytes = "", np.nan, 0, 0
-    for batch in source.batches([time, *columns, *labels]):
-        table = np.column_stack([to_float_column(batch, name, first_row) for name in (time, *columns)])
-        coded = pc.dictionary_encode(join_labels([batch.column(name) for name in labels]))
-        codes = coded.indices.to_numpy(zero_copy_only=False)
-        edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)] if len(codes) else []
-        for begin, end in pairwise(edges):
-            name = coded.dictionary[codes[begin]].as_py()
-            # A signal that comes again is one of rows that take turns, or of another run; where time goes on, the word
-            # says something of the rows, such as how they move.
-            if parts and name != last and (name in parts or not table[begin, 0] < last_time):
-                return source
-            parts.setdefault(name, []).append(table[begin:end])
-            last, last_time = name, table[end - 1, 0]
-        first_row, n_bytes = first_row + batch.num_rows, n_bytes + table.nbytes
-        if n_bytes > _MOST_STACKED:
-            if len(parts) > 1:
-                raise _make_stacked_error()
-            parts[last].clear()  # it may be the only one, and is too long to be held beside another
-    if len(parts) < 2:
-        return source
-    series = {name: np.concatenate(tables) for name, tables in parts.items()}
-    spans = [(table[0, 0], table[-1, 0]) for table in series.values()]
-    if any(len(table) < _FEWEST_SAMPLES or not (np.diff(table[:, 0]) >= 0.0).all() for table in series.values()) or max(
-        begin for begin, _ in spans
-    ) >= min(end for _, end in spans):
-        return source
-    check_columns(1 + len(series) * len(columns))
-    # Many short signals beside a long one would become far more numbers than the file has.
-    if 8 * max(map(len, series.values())) * len(series) * len(columns) > max(MOST_UNPACKED, 2 * n_bytes):
-        raise _make_stacked_error()
-    return StackedSource(source, time, series, columns)
-
-
-def _make_stacked_error() -> RecordingError:
-    return RecordingError(
-        "The signals stand one below another, in too many rows to be sorted: write a row for each moment, with a "
-        "column for each signal (pandas: df.pivot).",
-        title=TITLE,
-    )
-
-
-_MOST_STACKED, _FEWEST_SAMPLES = 1 << 30, 8
-"""Bytes of the numbers of a table whose signals stand one below another, as it is held in memory; and rows of each."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from dynident.recordings.file_size_limits import (
     DEEPEST,
+    UnpackedParts,
     check_columns,
     check_unpacked,
     make_damaged_error,
@@ -27,7 +28,6 @@ from dynident.recordings.formats.array_files import (
     ArrayFileSource,
     ArrayPlace,
     StoredArray,
-    UnpackedParts,
     count_name,
 )
 from dynident.recordings.recording_metadata import RecordingError

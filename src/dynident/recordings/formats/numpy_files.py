@@ -13,6 +13,7 @@ from numpy.lib import format as numpy_format
 from dynident.recordings.file_size_limits import (
     TITLE,
     BoundedFile,
+    UnpackedParts,
     check_columns,
     check_unpacked,
     make_damaged_error,
@@ -22,7 +23,6 @@ from dynident.recordings.formats.array_files import (
     ArrayFileSource,
     ArrayPlace,
     StoredArray,
-    UnpackedParts,
     read_words,
 )
 from dynident.recordings.recording_metadata import RecordingError

@@ -15,21 +15,19 @@ import pyarrow as pa
 from dynident.array_types import FloatArray
 from dynident.recordings.arrow_tables import from_numbers
 from dynident.recordings.cells_without_numbers import read_word_cells
-from dynident.recordings.conditioning.missing_and_held import read_marked_gaps
 from dynident.recordings.file_names_and_digests import split_path
-from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.file_source import FileSource, read_marked_gaps, to_float_column
 from dynident.recordings.formats import json_records
 from dynident.recordings.formats.csv_and_parquet import (
     CsvFileSource,
     FeatherFileSource,
     ParquetFileSource,
-    join_stacked_series,
 )
 from dynident.recordings.formats.kuka_files import START, open_data_set, open_telegrams
 from dynident.recordings.formats.matlab import is_version_4, open_matlab
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.printed_records import find_printed_kind, rewrite_as_json
-from dynident.recordings.formats.rearranged_tables import rearrange_table
+from dynident.recordings.formats.rearranged_tables import join_stacked_series, rearrange_table
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
@@ -297,6 +297,17 @@ def name_message_columns(words: Sequence[Sequence[str | None]]) -> tuple[str, ..
 _PROPERTY = re.compile(r"(?P<word>[A-Za-z]\w*): ?(?P<value>.*)")
 
 
+def have_words_alike(words: Sequence[Sequence[str | None]], first: str) -> bool:
+    """Return whether two lines, None for their numbers, are both rows with words at the same places.
+
+    Names may be numbers as well, but none with a fraction.
+    """
+    if words[0] == words[1]:
+        return True
+    places = [[word is None for word in line] for line in words[:2]]
+    return places[0] == places[1] and re.search(r"\d[.,]\d", first) is not None
+
+
 def put_word_before(cells: Sequence[str]) -> list[str]:
     """Return a row with the word before the values of all its cells, `Unit: deg`, in place of its first cell.
 
@@ -470,3 +481,20 @@ def find_line_form(lines: list[str]) -> LineForm | None:
 
 
 _LABELLED_LINES = 50
+
+
+def count_properties(lines: Sequence[list[str]], is_number: Callable[[str], bool]) -> int:
+    """Return how many lines below the names, of words before values, say what the columns have, as LabVIEW's do."""
+    rows = [put_word_before(line) for line in lines]
+    begins = [row[0].casefold() for row in rows]
+    n_words = sum(takewhile(bool, is_word := [begin[:1].isalpha() and not is_number(begin) for begin in begins]))
+    are_properties = [not _PROPERTIES.isdisjoint(re.split("[^a-z]+", begin)) for begin in begins[:n_words]]
+    # A word may say where the rows begin, in the first of them.
+    is_row = n_words and not are_properties[-1] and all(map(is_number, rows[n_words - 1][1:]))
+    n_words -= bool(is_row and begins[n_words : n_words + 1] == [""])
+    has_rows = n_words > 1 and len(begins) > 2 * n_words and not any(is_word[n_words + 1 :])
+    return n_words if has_rows and any(are_properties) else 0
+
+
+_PROPERTIES = frozenset({"unit", "units", "length", "samples", "increment", "delta", "type", "interp"})
+"""One of these words at least stands before such lines."""

@@ -1,7 +1,7 @@
 """Rearrange text whose rows are not moments: a row for each value, a row for each signal, titled blocks of rows.
 
 All of it is rewritten as a table, while it is read. Tables with a row for each value are joined on time afterwards, by
-`cells_without_numbers` and `csv_and_parquet`.
+`cells_without_numbers` and `join_stacked_series`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,19 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 
-from dynident.recordings.file_size_limits import MOST_COLUMNS, MOST_UNPACKED, TITLE
+import numpy as np
+import pyarrow.compute as pc
+
+from dynident.array_types import FloatArray
+from dynident.recordings.cells_without_numbers import find_label_columns, join_labels
+from dynident.recordings.file_size_limits import (
+    MOST_COLUMNS,
+    MOST_UNPACKED,
+    TITLE,
+    check_columns,
+)
+from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.formats.csv_and_parquet import StackedSource
 from dynident.recordings.formats.printed_records import LineStream
 from dynident.recordings.formats.text_streams import TextContent, decode_text
 from dynident.recordings.recording_metadata import RecordingError
@@ -75,6 +87,9 @@ def _find_rearrangement(lines: list[str], content: TextContent, is_cut: bool) ->
     if (head := _find_titled_head(whole)) is not None and _has_further_blocks(content, head):
         remark = "Blocks with titles stand one below another: each has signals of its own."
         return partial(_read_blocks, head=head), remark
+    if (key := _find_key_of_names(whole, content)) is not None:
+        remark = f"Blocks of times and values stand one below another: each is named by the {key} above it."
+        return partial(_read_named_blocks, key=key), remark
     return None, ""
 
 
@@ -367,3 +382,100 @@ def _read_blocks(lines: Iterator[str], head: str) -> Iterator[str]:
         elif line.strip():
             above.append(line)
     yield from write_block()
+
+
+def join_stacked_series(source: FileSource) -> FileSource:
+    """Return the file with a column for each signal, if the signals stand one below another; else the same object.
+
+    Raises
+    ------
+    RecordingError
+        For more rows than fit into memory.
+    """
+    labels, columns, _ = find_label_columns(source, source.texts)
+    time = next(filter(is_time_name, source.names), None)
+    if not labels or not columns or time is None or any(len(set(source.texts[name])) > 1 for name in labels):
+        return source
+    parts: dict[str, list[FloatArray]] = {}
+    last, last_time, first_row, n_bytes = "", np.nan, 0, 0
+    for batch in source.batches([time, *columns, *labels]):
+        table = np.column_stack([to_float_column(batch, name, first_row) for name in (time, *columns)])
+        coded = pc.dictionary_encode(join_labels([batch.column(name) for name in labels]))
+        codes = coded.indices.to_numpy(zero_copy_only=False)
+        edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)] if len(codes) else []
+        for begin, end in pairwise(edges):
+            name = coded.dictionary[codes[begin]].as_py()
+            # A signal that comes again is one of rows that take turns, or of another run; where time goes on, the word
+            # says something of the rows, such as how they move.
+            if parts and name != last and (name in parts or not table[begin, 0] < last_time):
+                return source
+            parts.setdefault(name, []).append(table[begin:end])
+            last, last_time = name, table[end - 1, 0]
+        first_row, n_bytes = first_row + batch.num_rows, n_bytes + table.nbytes
+        if n_bytes > _MOST_STACKED:
+            if len(parts) > 1:
+                raise _make_stacked_error()
+            parts[last].clear()  # it may be the only one, and is too long to be held beside another
+    if len(parts) < 2:
+        return source
+    series = {name: np.concatenate(tables) for name, tables in parts.items()}
+    spans = [(table[0, 0], table[-1, 0]) for table in series.values()]
+    if any(len(table) < _FEWEST_SAMPLES or not (np.diff(table[:, 0]) >= 0.0).all() for table in series.values()) or max(
+        begin for begin, _ in spans
+    ) >= min(end for _, end in spans):
+        return source
+    check_columns(1 + len(series) * len(columns))
+    # Many short signals beside a long one would become far more numbers than the file has.
+    if 8 * max(map(len, series.values())) * len(series) * len(columns) > max(MOST_UNPACKED, 2 * n_bytes):
+        raise _make_stacked_error()
+    return StackedSource(source, time, series, columns)
+
+
+def _make_stacked_error() -> RecordingError:
+    return RecordingError(
+        "The signals stand one below another, in too many rows to be sorted: write a row for each moment, with a "
+        "column for each signal (pandas: df.pivot).",
+        title=TITLE,
+    )
+
+
+_MOST_STACKED, _FEWEST_SAMPLES = 1 << 30, 8
+"""Bytes of the numbers of a table whose signals stand one below another, as it is held in memory; and rows of each."""
+
+
+_NAMED = re.compile(r"\s*(?:\d+\.)?(variable|symbol|signal|channel|name)\s*[;:=,\t]\s*(\S.*?)[\s;,]*$", re.IGNORECASE)
+"""A key of the signal of a block, as traces of CODESYS have it: `0.Variable; PLC.Axis1.fActPos`."""
+_TIME_UNIT = re.compile(r"\s*time\W?unit\s*[;:=,\t]\s*(\w{1,12})[\s;,]*$", re.IGNORECASE)
+_MOMENT = re.compile(rf"\s*[;\t]?\s*({_NUMBER.pattern})\s*[;\t]\s*({_NUMBER.pattern})[\s;]*$")
+"""A row of such a block: time and value."""
+
+
+def _find_key_of_names(lines: Sequence[str], content: TextContent) -> str | None:
+    """Return the key that names blocks of times and values, each signal below another; None where there is none."""
+    first = next((number for number, line in enumerate(lines) if _MOMENT.match(line)), len(lines))
+    rows = lines[first : first + _FEWEST_ROWS]
+    if len(rows) < _FEWEST_ROWS or not all(map(_MOMENT.match, rows)) or not any(map(_NAMED.match, lines[:first])):
+        return None
+    names: dict[str, set[str]] = defaultdict(set)
+    with content.open() as file:
+        for line in io.TextIOWrapper(file, encoding="utf-8", errors="replace"):
+            if (match := _NAMED.match(line)) is not None:
+                names[match[1].casefold()].add(match[2])
+    # The trace as a whole has a name as well.
+    repeated = [key for key in ("variable", "symbol", "signal", "channel", "name") if len(names[key]) > 1]
+    return repeated[0] if repeated else None
+
+
+def _read_named_blocks(lines: Iterator[str], key: str) -> Iterator[str]:
+    """Yield time, name and value of blocks of times and values below the keys that describe them."""
+    head, name = _HEAD, ""
+    for line in lines:
+        if (moment := _MOMENT.match(line)) is not None:
+            if head:
+                yield head
+                head = ""
+            yield f"{moment[1]},{name},{moment[2]}"
+        elif (named := _NAMED.match(line)) is not None and named[1].casefold() == key:
+            name = _write_name(named[2])
+        elif head and (unit := _TIME_UNIT.match(line)) is not None:
+            head = _HEAD.replace("time", f"time [{unit[1]}]")

@@ -175,31 +175,36 @@ def draw_campaign(state: CampaignState) -> Markup:
     """
     figure, grid = make_panels(1, 1, 3.2, margins=Margins(left=0.8, right=0.3))
     axes = grid[0][0]
-    minutes = np.cumsum([run.seconds for run in state.runs]) / 60.0
+    seconds = np.cumsum([run.seconds for run in state.runs])
+    # As on the page: short campaigns take a fraction of a minute.
+    unit, scale = ("s", 1.0) if seconds[-1] < 120 else ("min", 60.0)
+    elapsed = seconds / scale
     reached = 100 * np.array([run.errors.max() for run in state.runs])
-    axes.plot(minutes, reached, color=RESIDUAL, marker="o", linewidth=1.6, label="reached")
+    axes.plot(elapsed, reached, color=RESIDUAL, marker="o", linewidth=1.6, label="reached")
     promises = [
-        (m, 100 * run.promised.max()) for m, run in zip(minutes, state.runs, strict=True) if run.promised is not None
+        (m, 100 * run.promised.max()) for m, run in zip(elapsed, state.runs, strict=True) if run.promised is not None
     ]
     if promises:
         times, errors = zip(*promises, strict=True)
         axes.plot(times, errors, color=PREDICTED, marker="s", linestyle="", fillstyle="none", label="promised")
     goal = 100 * state.request.largest_error
     axes.axhline(goal, color=FLOOR, linewidth=1.2, linestyle=(0, (4, 3)), label="goal")
-    for time, error, run in zip(minutes, reached, state.runs, strict=True):
+    for time, error, run in zip(elapsed, reached, state.runs, strict=True):
         # Of a load that is not mounted yet, or an effect that would have shown at no size, there is no error to draw.
         if run.is_changed and np.isfinite(error):
             words = ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in run.added))
             words = f"with {words}" if words else "no effect added"
-            axes.annotate(words, (time, error), (6, 8), textcoords="offset points", fontsize=8)
+            # Words beside the last points would leave the figure.
+            side, offset = ("left", 6) if time < 0.6 * elapsed[-1] else ("right", -6)
+            axes.annotate(words, (time, error), (offset, 8), textcoords="offset points", fontsize=8, ha=side)
     # An effect that is found has no smallest size left.
     axes.set_yscale("linear" if state.request.goal == "effects" else "log")
     # Powers of ten would have to be read twice.
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("{x:g}")
     axes.tick_params(which="minor", labelsize=8, color="#999999")
-    axes.set_xlim(0, 1.08 * max(float(minutes[-1]), 1e-3))
-    axes.set_xlabel("robot time (min)", fontsize=8.5)
+    axes.set_xlim(0, 1.08 * max(float(elapsed[-1]), 1e-3))
+    axes.set_xlabel(f"robot time ({unit})", fontsize=8.5)
     axes.legend(fontsize=8, frameon=False)
     measure = MEASURES[state.request.goal][0]
     values = ", ".join(f"{value:.3g} %" if np.isfinite(value) else "none" for value in reached)

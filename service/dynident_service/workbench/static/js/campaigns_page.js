@@ -172,9 +172,10 @@ function goalInWords(goal) {
 /** The error over robot time: promised before each run, reached after it, and the goal. */
 function courseOf(target, campaign, signal) {
   const runs = campaign.steps.flatMap((one) => one.runs);
+  const [unit, scale] = runs.reduce((sum, one) => sum + one.seconds, 0) < 120 ? ["s", 1] : ["min", 60];
   let seconds = 0;
   // From zero, so that the goal is a line before there are two runs.
-  const minutes = [0, ...runs.map((one) => (seconds += one.seconds) / 60)];
+  const elapsed = [0, ...runs.map((one) => (seconds += one.seconds) / scale)];
   // An effect that would have shown at no size has none to draw.
   const inPercent = (errors) => (errors && !errors.includes(null) ? 100 * Math.max(...errors) : null);
   const { goal } = campaign.request;
@@ -182,12 +183,12 @@ function courseOf(target, campaign, signal) {
   figure(target, {
     title: `Error of the worst ${WORST[goal.kind]} over robot time`,
     height: 230,
-    x: { label: "robot time (min)", words: (raw) => `${number(raw, 3)} min`, values: minutes, scale: { range: (_, __, high) => [0, 1.08 * (high || 1)] } },
+    x: { label: `robot time (${unit})`, words: (raw) => `${number(raw, 3)} ${unit}`, values: elapsed, scale: { range: (_, __, high) => [0, 1.08 * (high || 1)] } },
     y: { label: "error (%)", words: (raw) => percent(raw / 100), scale: goal.kind === "effects" ? {} : { distr: 3 } },
     lines: [
       line("reached", [null, ...runs.map((one) => inPercent(one.achieved))], colour("residual"), { width: 2, points: { show: true, size: 8 } }),
       line("promised", [null, ...runs.map((one) => inPercent(one.promised))], colour("predicted"), { width: 0, points: { show: true, size: 9 } }),
-      line("goal", minutes.map(() => 100 * aimOf(goal)), colour("good-line"), { dash: [6, 4] }),
+      line("goal", elapsed.map(() => 100 * aimOf(goal)), colour("good-line"), { dash: [6, 4] }),
     ],
   }, signal);
 }
