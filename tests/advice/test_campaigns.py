@@ -17,6 +17,7 @@ from support.oracles import pinocchio_torque
 from typer.testing import CliRunner
 
 import dynident as dy
+from dynident.advice import campaign as campaign_module
 from dynident.advice.campaign import PlannedRun, _predict_end, add_run, decide, plan_run, start_campaign
 from dynident.advice.campaign_request import CampaignRequest, list_designs
 from dynident.advice.payload_goal import PayloadErrors
@@ -39,6 +40,7 @@ from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.criteria.optimality_criteria import compute_true_values
 from dynident.excitation.criteria.prediction_region import Region, collect_region, count_harmonics, draw_region
 from dynident.excitation.design_observation_matrix import build_design_model
+from dynident.excitation.design_request import compute_planned_seconds
 from dynident.excitation.design_result import expect_recording, follows_design
 from dynident.excitation.expected_torque import ExpectedTorque
 from dynident.identification import identify
@@ -63,6 +65,7 @@ RATE = 100.0
 DESIGN = DesignRequest(
     starts=1, random_trajectories=10, trajectory=TrajectoryRequest(duration=6.0, harmonics=3, sampling_rate=RATE)
 )
+POINTS = replace(DESIGN.trajectory, family="point_to_point", duration=10.0)
 REQUEST = CampaignRequest(error=0.02, minutes=2.0, design=DESIGN)
 
 
@@ -86,7 +89,7 @@ def recorded(design, name: str, hidden: str = "", silent: int | None = None):
 @cache
 def first_run(harmonics: int = DESIGN.trajectory.harmonics):
     """A campaign after its first run, the plan of that run, and the plan of the next."""
-    # A slow run is half as long as a run may be; an error that no run reaches makes the next one as long as it may be.
+    # A slow run is half as long as a run may be; the next one is as long as it may be.
     requests = [
         replace(DESIGN, trajectory=replace(DESIGN.trajectory, harmonics=harmonics, duration=duration))
         for duration in (12.0, 6.0)
@@ -94,7 +97,9 @@ def first_run(harmonics: int = DESIGN.trajectory.harmonics):
     start, then = (start_campaign(ARM, replace(REQUEST, error=1e-4, design=design)) for design in requests)
     plan = plan_run(start)
     state = add_run(replace(start, request=then.request), recorded(plan.design, "run1"), plan)
-    return plan, state, plan_run(state)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(campaign_module, "list_designs", lambda longest: (longest,))
+        return plan, state, plan_run(state)
 
 
 def test_a_motion_begins_near_home_where_that_costs_little():
@@ -107,14 +112,89 @@ def test_a_motion_begins_near_home_where_that_costs_little():
     assert moves[0] < 0.5 * moves[1]
 
 
-def test_a_run_is_as_long_as_the_goal_needs_and_the_time_that_is_left_allows():
-    plan, state, longest = first_run()
+def test_the_shortest_run_that_reaches_the_goal_is_planned():
+    plan, state, _ = first_run()
     assert measure_motion(plan) == pytest.approx(6.0, abs=0.1)
     easy = plan_run(replace(state, request=replace(state.request, error=0.02)))
     assert (easy.promised <= 0.02).all()
-    short = replace(state.request, minutes=(state.seconds + 5.0) / 60)
-    lengths = [measure_motion(planned) for planned in (easy, longest, plan_run(replace(state, request=short)))]
-    assert lengths == pytest.approx([3.0, 6.0, 3.0], abs=0.1)
+    assert measure_motion(easy) == pytest.approx(3.0, abs=0.1)
+
+
+@pytest.fixture
+def plan_lengths(monkeypatch):
+    """A function that plans a run of a state; it returns the length planned, s, and those that were designed.
+
+    Motions are only lengths here, with moves of 1 s, and their promises are given; one that promises 0 does not exist.
+    """
+
+    def plan(state, promises):
+        designed = []
+
+        def design_motion(state, request, progress, speed=1.0):
+            seconds = compute_planned_seconds(request)
+            designed.append(seconds)
+            if promises.get(seconds) == 0.0:
+                raise dy.DynidentError("no motion of this length was found")
+            return SimpleNamespace(seconds=seconds, duration=seconds + 1.0, moves=1.0)
+
+        monkeypatch.setattr(campaign_module, "_design_motion", design_motion)
+        monkeypatch.setattr(
+            campaign_module, "predict_errors", lambda model, measure, design, last: np.full(4, promises[design.seconds])
+        )
+        return plan_run(state).design.seconds, designed
+
+    return plan
+
+
+def test_a_longer_run_is_planned_only_where_it_tells_more_for_its_time(plan_lengths):
+    _, state, _ = first_run()
+    (run,) = state.runs
+    state = replace(state, runs=(replace(run, parameters=np.full(4, 0.1), lacking=np.zeros(4)),))
+    request = replace(REQUEST, error=0.01, design=replace(DESIGN, trajectory=replace(DESIGN.trajectory, duration=10.0)))
+
+    def plan(promises, **changes):
+        return plan_lengths(replace(state, request=replace(request, **changes)), promises)
+
+    # One search is enough where the shortest run reaches the goal, and no more than two are made.
+    assert plan({2.5: 0.01}) == (2.5, [2.5])
+    # A longer one that promises more error, or less error but much later, is not taken.
+    assert plan({2.5: 0.02, 10.0: 0.03}) == (2.5, [2.5, 10.0])
+    assert plan({2.5: 0.012, 10.0: 0.009}) == (2.5, [2.5, 10.0])
+    assert plan({2.5: 0.04, 10.0: 0.015}) == (10.0, [2.5, 10.0])
+    # In the last run what it tells counts, and not its time.
+    assert plan({2.5: 0.012, 10.0: 0.009}, runs=2) == (10.0, [2.5, 10.0])
+    assert plan({2.5: 0.02, 10.0: 0.03}, runs=2) == (2.5, [2.5, 10.0])
+    # A run and its moves have to fit into the time that is left.
+    for left, fitting in ((11.1, 10.0), (10.9, 5.0), (5.9, 2.5), (1.0, 2.5)):
+        short = {"minutes": (state.seconds + left) / 60}
+        promises = dict.fromkeys((5.0, 10.0), 0.015) | {2.5: 0.04}
+        assert plan(promises, **short)[0] == fitting
+    # A longer motion may keep limits that a shorter one cannot keep.
+    assert plan({2.5: 0.0, 10.0: 0.03}) == (10.0, [2.5, 10.0])
+    with pytest.raises(dy.DynidentError, match="no motion of this length"):
+        plan({2.5: 0.0}, minutes=(state.seconds + 4.0) / 60)
+    assert plan({10.0: 0.03}, design=replace(request.design, trajectory=POINTS)) == (10.0, [10.0])
+
+
+def test_runs_without_a_promise_leave_the_time_for_those_that_have_to_follow(plan_lengths):
+    design = replace(DESIGN, trajectory=replace(DESIGN.trajectory, duration=10.0))
+
+    def plan(seconds, **changes):
+        state = start_campaign(ARM, replace(REQUEST, design=design, minutes=seconds / 60, **changes))
+        return plan_lengths(state, {})
+
+    assert plan(9.6) == (5.0, [5.0])
+    # The shortest run that follows takes 3.5 s with its moves, which are known once a motion is designed.
+    assert plan(9.4) == (2.5, [5.0, 2.5])
+    assert plan(3.0) == (2.5, [2.5])
+    load = {"goal": "payload", "unloaded_runs": 2}
+    assert [plan(seconds, **load)[0] for seconds in (13.1, 12.9)] == [5.0, 2.5]
+    # For effects a run is as long as it may be.
+    _, state, _ = first_run()
+    for left, expected in ((11.1, (10.0, [10.0])), (10.9, (5.0, [10.0, 5.0])), (5.1, (2.5, [5.0, 2.5]))):
+        minutes = (state.seconds + left) / 60
+        request = replace(REQUEST, goal="effects", decide=("stribeck",), design=design, minutes=minutes)
+        assert plan_lengths(replace(state, request=request), {}) == expected
 
 
 def measure_motion(planned) -> float:
@@ -132,6 +212,10 @@ def test_shorter_runs_keep_the_highest_frequency_and_the_usual_number_of_harmoni
     assert count() == [(2.5, 1, 5), (5.0, 1, 6), (10.0, 1, 12)]
     assert count(harmonics=3) == [(2.5, 1, 3), (5.0, 1, 3), (10.0, 1, 3)]
     assert count(periods=4) == [(10.0, 1, 12), (10.0, 2, 12), (10.0, 4, 12)]
+    assert count(periods=3) == [(7.5, 1, 9), (10.0, 1, 12), (10.0, 3, 12)]
+    # Whole periods: none is longer or has more harmonics than was requested.
+    assert count(periods=5, harmonics=90) == [(10.0, 1, 90), (10.0, 2, 90), (10.0, 5, 90)]
+    assert count(duration=0.02) == [(0.02, 1, 12)]
     # A run of a second is mostly ends; a motion from point to point has no duration of its own.
     assert count(duration=4.0) == [(2.0, 1, 6), (4.0, 1, 12)]
     assert count(family="point_to_point") == [(10.0, 1, 12)]
@@ -155,6 +239,20 @@ def test_what_a_model_lacks_counts_all_runs_by_their_time():
     assert compute_lacking([long, short]) == pytest.approx([0.0])
     assert compute_lacking([run(4.0, 1.0, 5.0)] * 2) == pytest.approx([np.sqrt(4.0 - 1.645 / np.sqrt(2))])
     assert compute_lacking([run(0.0, 0.0, 0.0)]) == pytest.approx([0.0])
+
+
+def test_what_a_model_lacks_at_speed_counts_though_the_slow_run_does_not_show_it():
+    _, state, following = first_run()
+    run = measured(following.design, 2)
+    # A torque that no effect explains, and that grows with the speed of another joint.
+    unknown = 2.0 * np.sin(3.0 * run.q[:, 0]) * (np.gradient(run.q[:, 0], run.t) / 2.5) ** 2
+    tau = run.tau + np.where(np.arange(ARM.n) == 1, unknown[:, None], 0.0)
+    fast = replace(dy.read_recordings({"t": run.t, "q": run.q, "tau": tau}, robot=ARM)[0].recording, name="run2")
+    state = add_run(state, fast, following)
+    slow, alone = (compare_with_run(state.identification, recording) for recording in state.recordings)
+    torque = compute_region_rows(state.identification, state.region).torque
+    assert state.runs[-1].lacking == pytest.approx(compute_lacking([alone]) / torque)
+    assert state.runs[-1].lacking[1] > 1.2 * compute_lacking([slow, alone])[1] / torque[1] > 0
 
 
 def read_positions(recording):
@@ -285,6 +383,19 @@ def test_a_poor_last_motion_does_not_bound_what_the_time_that_is_left_brings():
     assert at_end == pytest.approx(np.hypot(now, state.runs[-1].lacking))
 
 
+def test_a_short_last_motion_does_not_bound_what_longer_ones_bring():
+    _, state, following = first_run()
+    rows = compute_region_rows(state.identification, state.region)
+    short = plan_run(state)
+    assert short.design.duration < 0.6 * following.design.duration
+    # One run is left, for which there is time as long as it may be.
+    state = replace(state, request=replace(state.request, runs=2))
+    at_end = _predict_end(state, rows, short)
+    count = (6.0 + short.design.moves) / short.design.duration
+    again = predict_errors(state.identification, rows, short.design, state.recordings[-1], count)
+    assert (at_end <= np.hypot(again, state.runs[-1].lacking) + 1e-12).all()
+
+
 def test_a_joint_that_stuck_at_its_reversals_is_expected_to_stick_at_those_of_the_next_motion():
     _, state, following = first_run()
     design, recording = following.design, state.recordings[-1]
@@ -367,6 +478,9 @@ def test_decisions_say_what_is_in_the_way():
     lacking = decided(parameters=0.001, lacking=0.05)
     assert (lacking.code, "no effect of the catalogue" in lacking.sentence) == ("not_reachable", True)
     assert decided(parameters=0.03, lacking=0.0, request=replace(REQUEST, minutes=0.05)).code == "out_of_time"
+    # The shortest run takes 3 s, and its moves.
+    left = replace(REQUEST, minutes=(2 * state.seconds + 3.0 + 0.9 * following.design.moves) / 60)
+    assert decided(parameters=0.03, lacking=0.0, request=left).code == "out_of_time"
     hopeless = decided(parameters=0.03, lacking=0.0, request=replace(REQUEST, error=1e-6, minutes=0.7))
     assert (hopeless.code, "Give more minutes or runs" in hopeless.sentence) == ("not_reachable", True)
     # Time for thousands of runs is worth nothing where the number of runs is limited.

@@ -1,23 +1,30 @@
 """Campaigns: run after run until enough is known, with a promise before and a decision after each.
 
 `plan_run` designs the motion that tells most about the goal (torque, parameters, effects, a load); `add_run` takes its
-recording, identifies and diagnoses the model from all runs, and decides. Holds the fewest runs (2).
+recording, identifies and diagnoses the model from all runs, and decides.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from dynident.advice.campaign_request import (
     DESIGN_SECONDS,
+    FEWEST_RUNS,
     NOTHING_DECIDED,
     CampaignRequest,
     Decision,
+    check_time,
+    describe_broken_promise,
     describe_first_run,
+    estimate_rest,
     list_designs,
-    shorten_search,
+    list_targets,
+    select_longest,
+    word_share,
 )
 from dynident.advice.payload_goal import (
     PayloadErrors,
@@ -36,7 +43,6 @@ from dynident.advice.prediction_error import (
     compute_lacking,
     compute_target_errors,
     is_of_motion,
-    list_targets,
     predict_errors,
 )
 from dynident.array_types import FloatArray
@@ -45,8 +51,8 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.criteria.prediction_region import Region, count_harmonics, draw_region
+from dynident.excitation.design_request import compute_planned_seconds
 from dynident.excitation.design_result import follows_design
-from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification, extend, identify
 from dynident.motion.limits.bounds import slow_down_limits
 from dynident.number_format import format_count, format_percent
@@ -55,8 +61,6 @@ from dynident.recordings import Recording
 from dynident.recordings.raw_signals import SampleHashes
 from dynident.robot import Robot
 
-FEWEST_RUNS = 2
-"""Runs before a goal counts as reached: the model has to have predicted a run that it was not fitted to."""
 # A run that leaves more than this multiple of the promised error is said to have brought less; and a goal is out of
 # reach only where repetitions of the last motion leave more than this multiple of it, since new motions bring more.
 _BROKEN_PROMISE = 1.3
@@ -195,15 +199,7 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
     if region is not None and region.q.shape[1] != robot.n:
         raise DynidentError(f"the region has {region.q.shape[1]} joints; the robot has {robot.n}", pointer="/region")
     check_targets(robot, request)
-    run, given = compute_planned_seconds(list_designs(design)[0]), _MINUTE * request.minutes
-    fewest = request.unloaded_runs + 1 if request.goal == "payload" else 1
-    if fewest * run > given or fewest > request.runs:
-        runs = "one run takes" if fewest == 1 else f"{fewest} runs, the last with the load, take"
-        raise DynidentError(
-            f"{runs} {fewest * run:g} s, and all together may take {given:g} s in {format_count(request.runs, 'run')}; "
-            "give more minutes, more runs or shorter ones",
-            pointer="/minutes",
-        )
+    check_time(request)
     if design.time_budget is None and design.starts is None:
         design = replace(design, time_budget=DESIGN_SECONDS)
     region, trajectory = region or draw_region(robot, design.limits, request.speed), design.trajectory
@@ -234,27 +230,40 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         Where there is no such motion; it names the limit in the way.
     """
     request, identification = state.request, state.identification
-    designs = list_designs(request.design)
+    designs, speed = list_designs(request.design), 1.0
     if len(state.runs) in (0, request.unloaded_runs if request.goal == "payload" else 0):
         # It tells what torque to expect, and no more than that: half the length is enough.
-        return PlannedRun(_design_motion(state, designs[-2:][0], progress, request.first_speed), None)
+        designs, speed = designs[:-1] or designs, request.first_speed
+    select = partial(select_longest, designs, state.seconds_left, request.fewest_runs - len(state.runs) - 1)
     measure = None if identification is None else build_measure(request, state.region, identification)
     if identification is None or measure is None:
-        return PlannedRun(_design_motion(state, designs[-1], progress), None)
+        chosen = select()
+        design = _design_motion(state, chosen, scale_progress(progress, 0.0, 0.5), speed)
+        if (fitting := select(design.moves)) is not chosen:
+            design = _design_motion(state, fitting, scale_progress(progress, 0.5, 1.0), speed)
+        return PlannedRun(design, None)
+    now, goal, runs = float(state.runs[-1].errors.max()), request.largest_error, request.runs - len(state.runs)
 
-    def promise(design: Design, repetitions: float = 1.0) -> FloatArray:
-        uncertain = predict_errors(identification, measure, design, state.recordings[-1], repetitions)
-        return np.asarray(np.hypot(uncertain, state.runs[-1].lacking))
+    def plan(chosen: DesignRequest, first: float, last: float) -> PlannedRun:
+        design = _design_motion(state, chosen, scale_progress(progress, first, last))
+        uncertain = predict_errors(identification, measure, design, state.recordings[-1])
+        return PlannedRun(design, np.hypot(uncertain, state.runs[-1].lacking))
 
-    # A quick search for the shortest motion tells how long a run has to be: a longer one shows as much as the short one
-    # repeated. The longest shows most per second, as it moves from and to home once, unless less reaches the goal.
-    shortest = _design_motion(state, shorten_search(designs[0]), scale_progress(progress, 0.0, 0.2))
-    lengths = [compute_planned_seconds(design) for design in designs]
-    spare = state.seconds_left - shortest.duration
-    affordable = [k for k, length in enumerate(lengths) if length - lengths[0] <= spare] or [0]
-    enough = (k for k in affordable if (promise(shortest, lengths[k] / lengths[0]) <= request.largest_error).all())
-    design = _design_motion(state, designs[next(enough, affordable[-1])], scale_progress(progress, 0.2, 1.0))
-    return PlannedRun(design, promise(design))
+    def estimate(planned: PlannedRun) -> tuple[float, float]:
+        assert planned.promised is not None
+        return estimate_rest(now, float(planned.promised.max()), goal, planned.design.duration, runs)
+
+    try:
+        shortest = plan(designs[0], 0.0, 0.5)
+    except DynidentError:
+        # In more time a motion may keep limits of velocity and acceleration that none keeps in less.
+        if select() is designs[0]:
+            raise
+        return plan(select(), 0.5, 1.0)
+    longest = select(shortest.design.moves)
+    if longest is designs[0] or estimate(shortest) <= (0.0, shortest.design.duration):
+        return shortest
+    return min((shortest, plan(longest, 0.5, 1.0)), key=estimate)
 
 
 def _design_motion(
@@ -355,7 +364,8 @@ def add_run(
     if isinstance(measure, RegionRows):
         # Of a torque that was not recorded the model lacks all, and not nothing.
         lacking = np.ones(len(state.targets))
-        absent = compute_lacking([compare_with_run(identification, run) for run in recordings])
+        # The first run is slow: beside it, what a model lacks at speed would seem less than it is.
+        absent = compute_lacking([compare_with_run(identification, run) for run in recordings[1:] or recordings])
         np.divide(absent, measure.torque, out=lacking, where=identification.model.robot.has_torque)
     # Shape constants are refined with every run.
     known = state.runs[-1].added if state.runs else ()
@@ -386,6 +396,10 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     planned : PlannedRun, optional
         The motion of the last run; its repetition bounds what the time that is left can bring.
 
+    Returns
+    -------
+    Decision
+        What to do, and why.
     """
     assert state.identification is not None
     run, goal, names = state.runs[-1], state.request.largest_error, state.targets
@@ -402,16 +416,15 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
     has_error = state.request.goal in ("torque", "parameters")
     aim = f"The goal of {format_percent(goal)}" if has_error else "The goal"
     stand = f"Error: {reached}" if has_error else reached
-    remarks = _describe_promise(run, names)
-    shortest = compute_planned_seconds(list_designs(state.request.design)[0])
+    remarks = ""
+    if run.promised is not None and not run.is_changed and run.errors.max() > _BROKEN_PROMISE * run.promised.max():
+        remarks = describe_broken_promise(float(run.promised.max()), float(run.errors[worst]), names[worst])
+    moves = 0.0 if planned is None else planned.design.moves
+    shortest = compute_planned_seconds(list_designs(state.request.design)[0]) + moves
     has_time = state.seconds_left >= shortest and len(state.runs) < state.request.runs
     if state.request.goal == "payload" and measure is None and has_time:
-        words = (
-            "Mount the load now: the next run and all after it are made with it."
-            if state.is_load_due
-            else ("Leave the load off for the next run, too.")
-        )
-        return Decision("next_run", words)
+        mount = "Mount the load now: the next run and all after it are made with it."
+        return Decision("next_run", mount if state.is_load_due else "Leave the load off for the next run, too.")
     if run.is_changed and has_time:
         count = format_count(len(run.added), "effect") if run.added else "no effect"
         words = f"The diagnosis of all runs now adds {count}, unlike before; the next run tests the model."
@@ -441,23 +454,19 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))
+            share = word_share(state.request.goal, float(at_end[joint]))
             unloaded = ", also without the load" if state.request.goal == "payload" else ""
             return Decision(
                 "not_reachable",
-                f"In the remaining time and runs, {names[joint]} comes to {_word_share(state, float(at_end[joint]))}, "
+                f"In the remaining time and runs, {names[joint]} comes to {share}, "
                 f"not to {format_percent(goal)}; now it is {reached}. Give more minutes or runs{unloaded}, "
                 f"wider limits or a larger error.{remarks}",
             )
     wanted = {
         "effects": "its usual size has to show",
-        "payload": f"{names[worst]} is at {_word_share(state, float(run.errors[worst]))}",
+        "payload": f"{names[worst]} is at {word_share(state.request.goal, float(run.errors[worst]))}",
     }.get(state.request.goal, f"the goal is {format_percent(goal)}")
     return Decision("next_run", f"{stand}; {wanted}.{remarks}")
-
-
-def _word_share(state: CampaignState, error: float) -> str:
-    """Return an error in words; of a load it is a share of the uncertainty that was asked for."""
-    return format_percent(error) + (" of the uncertainty asked for" if state.request.goal == "payload" else "")
 
 
 def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, error: float) -> str:
@@ -480,18 +489,10 @@ def _word_error(state: CampaignState, measure: ErrorMeasure | None, name: str, e
 def _predict_end(state: CampaignState, measure: ErrorMeasure, planned: PlannedRun) -> FloatArray:
     """Return the errors (k,) once the last motion, or all so far, were repeated in the time and runs that are left."""
     assert state.identification is not None
-    count = min(state.seconds_left / planned.design.duration, state.request.runs - len(state.runs))
+    # Any of the runs that are left may be as long as was requested.
+    longest = compute_planned_seconds(state.request.design) + planned.design.moves
+    seconds = min(state.seconds_left, (state.request.runs - len(state.runs)) * longest)
+    count = seconds / planned.design.duration
     again = predict_errors(state.identification, measure, planned.design, state.recordings[-1], count)
-    all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + count * planned.design.duration))
+    all_again = state.runs[-1].parameters * np.sqrt(state.seconds / (state.seconds + seconds))
     return np.asarray(np.hypot(np.minimum(again, all_again), state.runs[-1].lacking))
-
-
-def _describe_promise(run: CampaignRun, names: tuple[str, ...]) -> str:
-    """Return a sentence where a run left the worst joint with a larger error than promised."""
-    if run.promised is None or run.is_changed or run.errors.max() <= _BROKEN_PROMISE * run.promised.max():
-        return ""
-    worst = int(np.argmax(run.errors))
-    return (
-        f" The run brought less than promised: {format_percent(float(run.errors[worst]))} on {names[worst]}, where "
-        f"{format_percent(float(run.promised.max()))} or less was promised."
-    )

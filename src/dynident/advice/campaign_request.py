@@ -1,4 +1,7 @@
-"""The request of a campaign: goal, robot time, what every motion must keep to; holds the default search time (8 s)."""
+"""The request of a campaign: goal, robot time, what every motion must keep to; and how long its runs may be.
+
+Holds the default search time (8 s) and the fewest runs (2).
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import REGION_SPEED
-from dynident.excitation.design_request import DesignRequest, TrajectoryRequest, compute_least_sampling_rate
+from dynident.excitation.design_request import (
+    DesignRequest,
+    TrajectoryRequest,
+    compute_least_sampling_rate,
+    compute_planned_seconds,
+)
 from dynident.identification.identification_choices import IdentificationChoices
+from dynident.number_format import format_count, format_percent
 from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
 DESIGN_SECONDS = 8.0
@@ -20,6 +30,8 @@ DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
 _SHARES = (0.25, 0.5)
 _SHORTEST_RUN = 2.0
 
+FEWEST_RUNS = 2
+"""Runs before a goal counts as reached: the model has to have predicted a run that it was not fitted to."""
 LONGEST_CAMPAIGN = 10_000
 """Largest robot time of a campaign, min: a week."""
 GOALS = OneOf(
@@ -128,6 +140,11 @@ class CampaignRequest(Request):
     design: DesignRequest = declare_field(made_by=DesignRequest)
 
     @property
+    def fewest_runs(self) -> int:
+        """Runs before the goal can be reached."""
+        return self.unloaded_runs + 1 if self.goal == "payload" else FEWEST_RUNS
+
+    @property
     def largest_error(self) -> float:
         """The error at which the goal is reached; of effects and payloads, 1 is what was asked for."""
         return 1.0 if self.goal in ("effects", "payload") else self.error
@@ -136,6 +153,33 @@ class CampaignRequest(Request):
 def describe_first_run(goal: str) -> str:
     """Return what is to be done before the first run."""
     return "Make the first run: nothing is known yet." + (" Leave the load off." if goal == "payload" else "")
+
+
+def describe_broken_promise(promised: float, left: float, name: str) -> str:
+    """Return a sentence on a run that left a larger error than promised."""
+    return (
+        f" The run brought less than promised: {format_percent(left)} on {name}, where {format_percent(promised)} or "
+        "less was promised."
+    )
+
+
+def word_share(goal: str, error: float) -> str:
+    """Return an error in words; of a load it is a share of the uncertainty that was asked for."""
+    return format_percent(error) + (" of the uncertainty asked for" if goal == "payload" else "")
+
+
+def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what the errors of a campaign are of: joints, parameters, effects or quantities of a load, by name.
+
+    Parameters
+    ----------
+    request : CampaignRequest
+        What is to be reached.
+    joints : tuple of str
+        Names of the robot's joints.
+    """
+    named = {"parameters": request.parameters, "effects": request.decide, "payload": request.quantities}
+    return named.get(request.goal, joints)
 
 
 @dataclass(frozen=True)
@@ -165,7 +209,7 @@ NOTHING_DECIDED = Decision("next_run", "")
 def list_designs(longest: DesignRequest) -> tuple[DesignRequest, ...]:
     """Return the designs of runs of several lengths, the shortest first, the requested one last.
 
-    Fewer periods come first, then shorter ones. The highest frequency stays where there are more harmonics or
+    Fewer whole periods come first, then a shorter one. The highest frequency stays where there are more harmonics or
     intervals than usual. Moves from point to point have one length, and so has what would be too fast for the sampling.
 
     Parameters
@@ -181,8 +225,10 @@ def _iterate_shorter_designs(longest: DesignRequest) -> Iterator[DesignRequest]:
     if trajectory.family == "point_to_point":
         return
     for share in _SHARES:
-        periods = max(1, round(share * trajectory.periods))
-        shortening = share * trajectory.periods / periods
+        periods = max(1, math.floor(share * trajectory.periods))
+        shortening = min(1.0, share * trajectory.periods / periods)
+        if shortening * trajectory.duration * periods < _SHORTEST_RUN:
+            continue
         shorter = replace(
             trajectory,
             duration=shortening * trajectory.duration,
@@ -190,8 +236,7 @@ def _iterate_shorter_designs(longest: DesignRequest) -> Iterator[DesignRequest]:
             harmonics=_shorten_count(trajectory.harmonics, TrajectoryRequest.harmonics, shortening),
             intervals=_shorten_count(trajectory.intervals, TrajectoryRequest.intervals, shortening),
         )
-        is_long = shorter.duration * periods >= _SHORTEST_RUN
-        if is_long and compute_least_sampling_rate(shorter) <= shorter.sampling_rate:
+        if compute_least_sampling_rate(shorter) <= shorter.sampling_rate:
             yield replace(longest, trajectory=shorter)
 
 
@@ -199,12 +244,55 @@ def _shorten_count(count: int, usual: int, shortening: float) -> int:
     return max(min(count, usual), math.ceil(shortening * count))
 
 
-def shorten_search(design: DesignRequest) -> DesignRequest:
-    """Return the request with a search of one start, in a quarter of the time.
+def select_longest(
+    designs: tuple[DesignRequest, ...], seconds: float, following: int, moves: float = 0.0
+) -> DesignRequest:
+    """Return the longest design that leaves time for the runs that have to follow, or else the shortest.
 
     Parameters
     ----------
-    design : DesignRequest
-        The design.
+    designs : tuple of DesignRequest
+        The designs, the shortest first.
+    seconds : float
+        Time that is left, s.
+    following : int
+        Number of runs that have to follow; they may be the shortest.
+    moves : float
+        Time of the moves of a run from and to home, s.
     """
-    return replace(design, starts=1, time_budget=None if design.time_budget is None else design.time_budget / 4)
+    reserve = max(following, 0) * (compute_planned_seconds(designs[0]) + moves)
+    return next((d for d in designs[::-1] if compute_planned_seconds(d) + moves <= seconds - reserve), designs[0])
+
+
+def estimate_rest(now: float, promised: float, goal: float, duration: float, runs: int) -> tuple[float, float]:
+    """Return by how many runs a goal is missed, and the robot time until it is reached, s, by runs like a planned one.
+
+    What a run tells, in 1 / error², adds up over runs. One run is enough where it reaches the goal.
+
+    Parameters
+    ----------
+    now, promised, goal : float
+        Errors before and after the planned run, and the one that is wanted.
+    duration : float
+        Time of the planned run, s, its moves from and to home included.
+    runs : int
+        Number of runs that are left.
+    """
+    if promised <= goal:
+        return 0.0, duration
+    before, then, wanted = (error**-2 for error in (max(now, goal), promised, goal))
+    count = (wanted - before) / (then - before) if then > before else math.inf
+    return max(count - runs, 0.0), count * duration
+
+
+def check_time(request: CampaignRequest) -> None:
+    """Raise `DynidentError` where the time or the number of runs is too small for what has to be made."""
+    run, given = compute_planned_seconds(list_designs(request.design)[0]), 60.0 * request.minutes
+    fewest = request.fewest_runs if request.goal == "payload" else 1
+    if fewest * run > given or fewest > request.runs:
+        runs = "one run takes" if fewest == 1 else f"{fewest} runs, the last with the load, take"
+        raise DynidentError(
+            f"{runs} {fewest * run:g} s, and all together may take {given:g} s in {format_count(request.runs, 'run')}; "
+            "give more minutes, more runs or shorter ones",
+            pointer="/minutes",
+        )

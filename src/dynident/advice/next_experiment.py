@@ -41,8 +41,8 @@ from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, rehearse_motion, rehearse_quickly
 from dynident.excitation.criteria.design_criterion import find_effect_parameters
 from dynident.excitation.design_observation_matrix import DesignModel, build_design_model
+from dynident.excitation.design_request import compute_planned_seconds
 from dynident.excitation.expected_torque import ExpectedTorque
-from dynident.excitation.experiments.design_task import compute_planned_seconds
 from dynident.identification import Identification
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 import scipy
 
-from dynident.advice.campaign_request import CampaignRequest
+from dynident.advice.campaign_request import CampaignRequest, list_targets
 from dynident.advice.payload_goal import name_load_parameters, select_payload_errors
 from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Diagnosis
@@ -338,7 +338,7 @@ def compute_lacking(errors: Sequence[RunErrors]) -> FloatArray:
     """Return the rms (n,) of the residual above the noise floor, N m or N, beyond what chance explains.
 
     A mean square of noise scatters: a short run of a joint whose torque is near its noise would seem to lack some per
-    cent. All runs that the model was fitted to count by their time.
+    cent. Runs count by their time.
     """
     seconds = np.maximum([run.seconds for run in errors], np.finfo(float).tiny)
     shares = seconds / seconds.sum(axis=0)
@@ -356,6 +356,11 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
         The identified model.
     recording : Recording
         A recording, whether the model was fitted to it or not.
+
+    Returns
+    -------
+    RunErrors
+        Errors of the prediction, and how much of them is more than noise.
     """
     comparison = compare(identification, recording)
     noise = judge(comparison, recording, identification.preprocessing).noise
@@ -368,20 +373,6 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
     # A floor from repetitions is a mean square that scatters itself.
     scatter = floor * np.sqrt((4.0 if noise.source == "repeated_periods" else 2.0) / worth)
     return RunErrors(errors.relative, errors.rms**2 - floor, scatter, seconds)
-
-
-def list_targets(request: CampaignRequest, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what the errors of a campaign are of: joints, parameters, effects or quantities of a load, by name.
-
-    Parameters
-    ----------
-    request : CampaignRequest
-        What is to be reached.
-    joints : tuple of str
-        Names of the robot's joints.
-    """
-    named = {"parameters": request.parameters, "effects": request.decide, "payload": request.quantities}
-    return named.get(request.goal, joints)
 
 
 def check_targets(robot: Robot, request: CampaignRequest) -> None:

@@ -291,3 +291,9 @@ class DesignRequest(Request):
         if self.starts is None and self.time_budget is None:
             return DEFAULT_STARTS
         return self.starts
+
+
+def compute_planned_seconds(request: DesignRequest) -> float:
+    """Return the requested duration of the exciting part, s; the design may last longer or shorter."""
+    trajectory = request.trajectory
+    return float(trajectory.duration * trajectory.periods * sum(1.0 / pace for pace in trajectory.paces))

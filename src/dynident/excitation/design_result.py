@@ -188,6 +188,11 @@ class Design(KnownNames):
         """Time from home to home, s."""
         return float(self.t[-1])
 
+    @property
+    def moves(self) -> float:
+        """Time of the moves from and to home, s."""
+        return self.duration - (self.exciting[1] - self.exciting[0])
+
 
 def expect_recording(design: Design, last: Recording) -> Recording:
     """Return the recording that a motion will have, without torque.

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dynident.advice.campaign import CampaignRun
-from dynident.advice.campaign_request import MEASURES, CampaignRequest
-from dynident.advice.prediction_error import list_targets
+from dynident.advice.campaign_request import MEASURES, CampaignRequest, list_targets
 from dynident.effects import EffectChoice
 from dynident.excitation import Design
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter

@@ -82,9 +82,10 @@ def campaign(
     """Design, record and identify until torque is predicted well.
 
     The motion of run K is FOLDER/runK_motion.csv, its recording FOLDER/runK.csv (or another format). Recordings that
-    are already there are used first, so the same command continues a campaign that was stopped. With --execute, the
-    command waits for Enter before the first run with a load. Without a terminal it ends there; mount the load and
-    repeat the command. The exit code is 3 if the goal was not reached.
+    are already there are used first, so the same command continues a campaign that was stopped. Runs take as long as
+    --duration says, or half or a quarter of it. With --execute, the command waits for Enter before the first run with a
+    load. Without a terminal it ends there; mount the load and repeat the command. The exit code is 3 if the goal was
+    not reached.
     """
     from dynident.advice.campaign import add_run, plan_run, start_campaign
     from dynident.api.figure import join_figures

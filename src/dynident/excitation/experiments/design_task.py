@@ -18,7 +18,7 @@ from dynident.excitation.criteria.design_criterion import DesignCriterion, compu
 from dynident.excitation.criteria.optimality_criteria import Baseline, CriterionValues
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter, predict_uncertainties
 from dynident.excitation.design_observation_matrix import DesignModel
-from dynident.excitation.design_request import DesignRequest
+from dynident.excitation.design_request import DesignRequest, compute_planned_seconds
 from dynident.excitation.design_result import Run
 from dynident.excitation.equation_type_rows import DYNAMIC_ROWS, RowModel
 from dynident.motion.collision_free_paths import PieceChain
@@ -103,12 +103,6 @@ def _check_addable(model: DesignModel, request: DesignRequest) -> None:
             "into account",
             pointer="/earlier_ids",
         )
-
-
-def compute_planned_seconds(request: DesignRequest) -> float:
-    """Return the requested duration of the exciting part, s; the design may last longer or shorter."""
-    trajectory = request.trajectory
-    return float(trajectory.duration * trajectory.periods * sum(1.0 / pace for pace in trajectory.paces))
 
 
 # Points of the fine grid per sample, on which limits are verified.

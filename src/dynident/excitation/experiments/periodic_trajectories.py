@@ -12,13 +12,8 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.optimality_criteria import compute_baseline
-from dynident.excitation.design_request import TrajectoryRequest
-from dynident.excitation.experiments.design_task import (
-    DesignedExperiment,
-    DesignTask,
-    MotionValues,
-    compute_planned_seconds,
-)
+from dynident.excitation.design_request import TrajectoryRequest, compute_planned_seconds
+from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
 from dynident.excitation.optimisation.augmented_lagrangian import Resumption, optimise_trajectories, read_checkpoint
 from dynident.excitation.optimisation.design_problem import (
     Budget,
