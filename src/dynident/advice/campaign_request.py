@@ -280,8 +280,8 @@ def estimate_rest(now: float, promised: float, goal: float, duration: float, run
     """
     if promised <= goal:
         return 0.0, duration
-    before, then, wanted = (error**-2 for error in (max(now, goal), promised, goal))
-    count = (wanted - before) / (then - before) if then > before else math.inf
+    before, then, enough = (error**-2 for error in (max(now, goal), promised, goal))
+    count = (enough - before) / (then - before) if then > before else math.inf
     return max(count - runs, 0.0), count * duration
 
 
