@@ -92,7 +92,9 @@ def test_a_campaign_reaches_its_goal_with_an_arm_that_another_engine_moves(scene
 def test_a_scene_that_does_not_fit_or_that_the_arm_touches_ends_the_run_with_its_reason(scene, tmp_path, capsys):
     script, text = load_script("mujoco_scene"), scene.read_text(encoding="utf-8")
     motion, recording = tmp_path / "motion.csv", tmp_path / "run.csv"
-    dy.Campaign(ARM, request=CampaignRequest(design=DESIGN)).ask().save(motion)
+    # The first run takes half of the length.
+    longer = replace(DESIGN, trajectory=replace(DESIGN.trajectory, duration=12.0))
+    dy.Campaign(ARM, request=CampaignRequest(design=longer)).ask().save(motion)
     # A ball on the last link that is in a box of the world from the start.
     touching = text.replace("<worldbody>", '<worldbody><geom type="box" size="3 3 3"/>')
     touching = re.sub(r'(<body name="b3"[^>]*>)', r'\1<geom type="sphere" size="0.01" mass="0"/>', touching)
