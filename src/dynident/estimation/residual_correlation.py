@@ -327,8 +327,10 @@ def _do_neighbours_depend(reduction: Reduction, solution: Solution) -> bool:
         scores = columns.compute_scores(compute_rests(equation, solution.values))
         variance = float(np.sum(scores * scores)) / max(columns.count - float(np.sum(share * columns.squares)), 1.0)
         if variance > 0:
-            left_out = float(np.sum(share * columns.sum_products[1])) / (len(scores) - 1)
-            products[: len(scores) - 1] += np.sum(scores[:-1] * scores[1:], axis=1) / variance + left_out
+            # Of a block without rows it takes nothing.
+            pairs = np.flatnonzero((equation.counts[:-1] > 0) & (equation.counts[1:] > 0))
+            left_out = float(np.sum(share * columns.sum_products[1])) / max(len(pairs), 1)
+            products[pairs] += np.sum(scores[pairs] * scores[pairs + 1], axis=1) / variance + left_out
     return bool(products.sum() > _BEYOND_CHANCE * np.linalg.norm(products)) if products.any() else False
 
 
