@@ -356,9 +356,10 @@ def widen_for_neighbours(covariance: FloatArray, followed: Sequence[FloatArray],
     Blocks are joined while neighbours depend on each other over all parameters together. That is too early for a few
     slow ones, such as offsets, so variances grow direction by direction. The directions are orthonormal and as close to
     the parameters' own as they can be (polar decomposition; Löwdin 1950): neither the order of parameters nor their
-    units matter, and what parameters that are hard to tell apart determine together keeps about its variance. Each
-    parameter's own direction widened the rigid-body parameters of six joints by a fifth. In the principal axes of the
-    steps a constant has no direction of its own. Without blocks that are joined, growth alone left others too sure.
+    units matter. With each parameter's own direction instead, parameters that are hard to tell apart grow differently,
+    and the deviation of a torque that they predict together was 0.4 to 5.7 times as large (six joints). In the
+    principal axes of the steps a constant has no direction of its own. Without blocks that are joined, growth alone
+    left other parameters too sure.
     """
     turned, _, parameters = np.linalg.svd(directions.T, full_matrices=False)
     axes = turned @ parameters
