@@ -56,7 +56,7 @@ def estimated(data: Decay):
 
 def test_deviations_are_those_of_nonlinear_refits_without_each_stretch(monkeypatch):
     # Refits tell nothing of stretches that depend on their neighbours, which twenty may seem to do by chance.
-    monkeypatch.setattr(parameter_covariance, "compute_neighbour_growth", lambda steps: np.ones(steps[0].shape[1]))
+    monkeypatch.setattr(parameter_covariance, "widen_for_neighbours", lambda covariance, *_: covariance)
     data = Decay()
     best, solution = estimated(data)
     stretch = np.floor(data.t + 1e-9).astype(int)

@@ -28,6 +28,7 @@ from dynident.estimation.residual_correlation import (
     count_growth_worth,
     join_dependent_blocks,
     select_fits,
+    widen_for_neighbours,
 )
 
 P, M, RATE = 5, 6000, 50.0
@@ -221,8 +222,11 @@ def test_columns_are_whitened_as_by_singular_values(monkeypatch: pytest.MonkeyPa
     assert not np.allclose(inverted.rows, by_singular_values.rows)
 
 
-def draw_shared(seed: int, memory: float, joints: int = 3, p: int = 6) -> Reduction:
-    """Twenty seconds of equations that share their parameters, one of a constant; residuals of so long a memory."""
+def draw_shared(seed: int, memory: float, joints: int = 3, p: int = 6, mixed: np.ndarray | None = None) -> Reduction:
+    """Twenty seconds of equations that share their parameters, one of a constant; residuals of so long a memory.
+
+    Columns are multiplied by `mixed` at last.
+    """
     m = round(20 * RATE)
     columns = np.random.default_rng(8)
     rng = np.random.default_rng([9, seed])
@@ -231,7 +235,8 @@ def draw_shared(seed: int, memory: float, joints: int = 3, p: int = 6) -> Reduct
     rows = []
     for _ in range(joints):
         w = np.column_stack([smooth(columns, (m, p - 1), 0.95), np.ones(m)])
-        rows.append(np.column_stack([w, w @ np.ones(p) + smooth(rng, (m, 1), pole)[:, 0]]))
+        y = w @ np.ones(p) + smooth(rng, (m, 1), pole)[:, 0]
+        rows.append(np.column_stack([w if mixed is None else w @ mixed, y]))
     accumulator.push(np.arange(m) / RATE, rows)
     return accumulator.finish()
 
@@ -264,6 +269,25 @@ def test_variances_grow_as_those_of_sums_over_neighbours_that_depend_on_each_oth
     assert compute_neighbour_growth([np.zeros((0, 3))]).tolist() == [1.0] * 3
     # Of 100 samples with ρ = 0.5, a variance is known as of 60 independent ones.
     assert count_growth_worth(np.array([3.0]), np.array([1.0])) == pytest.approx([0.6])
+
+
+@pytest.mark.parametrize("kind", ["by_time_and_joints", "by_joint"])
+def test_intervals_depend_neither_on_the_order_of_parameters_nor_on_their_units(kind):
+    # Parameters that are hard to tell apart: what the columns before it explain of one depends on the order.
+    alike = np.eye(6) + 0.8 * np.eye(6, k=5) + 0.8 * np.eye(6, k=1)
+    order, units = np.array([5, 2, 0, 3, 1, 4]), np.array([1.0, 1e-3, 20.0, 1e4, 0.3, 7.0])
+    for seed in range(8):
+        plain, changed = draw_shared(seed, 1.5, mixed=alike), draw_shared(seed, 1.5, mixed=(alike * units)[:, order])
+        one, other = (statistics(data, solve_ordinary(data), kind) for data in (plain, changed))
+        np.testing.assert_allclose(other.standard_deviations * units[order], one.standard_deviations[order], rtol=1e-8)
+        np.testing.assert_allclose(other.freedom, one.freedom[order], rtol=1e-8)
+
+
+def test_a_held_parameter_stays_certain_where_neighbours_widen_the_others():
+    steps = smooth(np.random.default_rng(6), (4000, 2), 0.6)
+    directions = np.array([[1.0, 0.0], [0.0, 0.0], [0.6, 0.8]])
+    widened = widen_for_neighbours(np.eye(2), [steps], directions)
+    assert np.diag(directions @ widened @ directions.T) == pytest.approx([4.0, 0.0, 4.0], rel=0.1)
 
 
 def test_blocks_are_joined_only_where_neighbours_depend_on_each_other():

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.drawn_recordings import FloatArray, log
+from support.drawn_recordings import FloatArray, log, log_of
 from support.logger_layouts import cells, table
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
@@ -20,7 +21,7 @@ from dynident.identification.recording_faults.fault_search import _leaves_limits
 from dynident.identification.recording_faults.gravity_in_torque import find_static_torque
 from dynident.identification.recording_faults.unexplained_torque import HeldOutFit
 from dynident.identification.robot_recording_import import import_cured
-from dynident.recordings import RecordingMetadata
+from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.formats import open_source
 from dynident.regressors.base_parameters import find_base_parameters
 from dynident.robot import robot_from_urdf
@@ -76,6 +77,16 @@ def test_words_that_are_fewer_than_the_columns_below_name_none(tmp_path: Path) -
     np.testing.assert_allclose(np.concatenate(list(source.blocks())), rows, atol=1e-6)
 
 
+def test_names_that_are_fewer_than_the_columns_are_not_thrown_away(tmp_path: Path) -> None:
+    rows = np.random.default_rng(1).normal(size=(40, 8))
+    for delimiter in (",", " "):
+        path = tmp_path / "names.txt"
+        lines = [delimiter.join(f"{x:.6f}" for x in row) for row in rows]
+        path.write_text("\n".join([delimiter.join(["t", "q1", "q2", "tau1", "tau2"]), *lines, ""]))
+        with pytest.raises(RecordingError, match="Expected 5 columns, got 8"):
+            list(open_source(path, None).blocks())
+
+
 def test_commas_with_tabs_beside_them_separate_decimal_points(tmp_path: Path) -> None:
     path = tmp_path / "ur.csv"
     rows = np.random.default_rng(2).normal(size=(30, 4))
@@ -89,6 +100,8 @@ def test_files_in_a_folder_with_a_plus_are_joined(tmp_path: Path) -> None:
     for name, values in (("q", given.q), ("tau", given.tau)):
         text = table(["t", *named(name + "{}")], cells(np.column_stack([given.t, values])))
         (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+    # A folder called as the first part of the path is none of the files.
+    (tmp_path / "lab").mkdir()
     for path in (f"{folder}/q.csv+{folder}/tau.csv", f"{folder}/q.csv+tau.csv"):
         source = open_source(Path(path), None)
         assert {"q6", "tau6"} <= set(source.names)
@@ -116,6 +129,23 @@ def test_positions_within_their_limits_are_not_said_to_be_in_degrees() -> None:
     assert _leaves_limits(robot, q, np.deg2rad(q))
     assert not _leaves_limits(robot, np.rad2deg(q), q)
     assert not _leaves_limits(robot, q, q[:, [1, 0, *range(2, 7)]])
+
+
+def test_an_axis_that_the_description_has_turned_is_found_whatever_the_limits_say(tmp_path: Path) -> None:
+    robot = arm("franka_panda")
+    given = log_of(robot, 51, duration=12.0)
+    turned = np.where(np.arange(7) == 3, -1.0, 1.0)
+    q = given.q * turned
+    assert _leaves_limits(robot, given.q, q)
+    columns = np.column_stack([given.t, q, given.tau * turned])
+    path = tmp_path / "run.csv"
+    header = ["t", *(f"q{k}" for k in range(1, 8)), *(f"tau{k}" for k in range(1, 8))]
+    path.write_text(table(header, cells(columns)), encoding="utf-8")
+    limits = [replace(joint.limits, position=(-3.2, 3.2)) for joint in robot.joints]
+    wide = replace(robot, joints=tuple(replace(j, limits=own) for j, own in zip(robot.joints, limits, strict=True)))
+    for one in (robot, wide):
+        with pytest.raises(RecordingError, match="position and torque of"):
+            import_cured(one, path, tmp_path / "read.parquet", RecordingMetadata(), most=0)
 
 
 def test_friction_of_a_joint_that_carries_little_says_that_a_torque_was_measured() -> None:

@@ -89,6 +89,25 @@ def test_few_rows_within_one_tick_of_the_clock_are_left_out(tmp_path):
     assert "left out" in check.detail
 
 
+def test_a_clock_that_stands_still_for_many_rows_is_refused(tmp_path):
+    def stand(t):
+        t[700:720] = t[700]
+        return t
+
+    error = refused(tmp_path, changed("t", stand))
+    assert (error.pointer, error.title) == ("t", "Repeated time")
+
+
+def test_few_rows_of_another_recording_between_the_others_are_refused(tmp_path):
+    columns = changed("t", lambda t: t)
+    places = np.sort(np.r_[np.arange(len(columns["t"])), np.arange(700, 710)])
+    mixed = {name: values[places] for name, values in columns.items()}
+    foreign = np.flatnonzero(np.diff(places) == 0) + 1
+    for name in ("q1", "q2", "q3"):
+        mixed[name][foreign] = columns[name][1200]
+    assert refused(tmp_path, mixed).title == "Repeated time"
+
+
 def test_time_that_is_no_number_is_refused_with_the_row(tmp_path):
     def spoil(t):
         t[99] = np.nan

@@ -40,12 +40,12 @@ from dynident.estimation.prior_information import Solution, extract_deviations
 from dynident.estimation.residual_correlation import (
     FEWEST_BLOCKS,
     compute_correlation_factors,
-    compute_neighbour_growth,
     compute_rests,
     compute_sandwich_covariance,
     compute_scores,
     count_growth_worth,
     join_dependent_blocks,
+    widen_for_neighbours,
 )
 from dynident.estimation.residual_errors import compute_residual_noise
 from dynident.estimation.triangular_factors import Reduction
@@ -129,7 +129,7 @@ def estimate_cluster_covariance(
         Scores of the blocks of every equation, times `solution.root`, where an estimate does not solve Wᵀρ = 0
         (instrumental variables).
     is_ordered : bool
-        Whether neighbouring blocks may depend on each other, see `compute_neighbour_growth`.
+        Whether neighbouring blocks may depend on each other, see `widen_for_neighbours`.
 
     Returns
     -------
@@ -177,8 +177,7 @@ def estimate_cluster_covariance(
         followed.append(np.concatenate([np.zeros((0, size)), *steps[first_step:]]))
     each = np.concatenate(steps)
     independent = (len(each) - 1) / len(each) * each.T @ each
-    growth = compute_neighbour_growth(followed) if is_ordered else np.ones(size)
-    inner = independent * np.sqrt(np.outer(growth, growth))
+    inner = widen_for_neighbours(independent, followed, directions) if is_ordered else independent
     # Directions that only one block determines get the average variance of the others, but no less than independent
     # rows would have.
     average_variance = float(np.trace(inner)) / max(size - float(np.trace(dominated)), 1.0)

@@ -24,6 +24,7 @@ from dynident.recordings.formats.text_streams import (
     squeeze_spaces,
 )
 from dynident.recordings.recording_metadata import RecordingError
+from dynident.recordings.time_columns import is_time_name
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _WRITTEN_TIME = re.compile(
@@ -408,9 +409,12 @@ def _skip_titles(lines: list[str], header: int) -> int:
     # Messages of another kind may stand above rows that begin with what they are.
     rows = (number for number in range(header, len(lines)) if is_whole(lines[number]))
     row = next(rows, header)
-    # Words that are more or fewer than the columns of numbers below them name none.
-    is_named = any(abs(len(_split_fields(lines[header].lstrip("#% "), sign)) - width) < 2 for sign in ";\t|, ")
-    is_found = not is_named and _is_data(lines[row])
+    # Words that are more or fewer than the columns of numbers below them, with spaces between these, name none.
+    text = lines[header].lstrip("#% ")
+    is_named = is_time_name(text.split()[0]) or any(
+        abs(len(_split_fields(text, sign)) - width) < 2 for sign in ";\t|, "
+    )
+    is_found = delimiter == " " and not is_named and _is_data(lines[row])
     return row if is_found or _is_marked_row([line for line in lines[row : row + 20] if line.strip()]) else header
 
 

@@ -116,11 +116,19 @@ def split_path(path: Path) -> list[Path]:
     while pieces:
         # A folder may have a + in its name, too: as many pieces as make the path of a file.
         folder = files[0].parent if files else Path()
-        trials = ((end, Path(JOINT.join(pieces[:end]))) for end in range(1, len(pieces) + 1))
+        trials = ((end, Path(JOINT.join(pieces[:end]))) for end in range(1, min(len(pieces), _MOST_PIECES) + 1))
         places = ((end, place) for end, trial in trials for place in (trial, folder / trial))
-        end, file = next(((end, place) for end, place in places if _exists(place)), (1, folder / pieces[0]))
+        end, file = next(((end, place) for end, place in places if _is_file(place)), (1, folder / pieces[0]))
         files, pieces = [*files, file], pieces[end:]
     return files
+
+
+_MOST_PIECES = 8  # of the path of one file
+
+
+def _is_file(path: Path) -> bool:
+    """Tell whether a path is that of a file; a folder beside it may be called as its first piece is."""
+    return _exists(path) and path.is_file()
 
 
 def _exists(path: Path) -> bool:

@@ -187,9 +187,18 @@ def _interpolate_cubic(t: FloatArray, values: FloatArray, times: FloatArray, fir
 SHORTEST = 8
 """A segment of fewer samples is left out: it is shorter than any filter."""
 
-_FEW_REPEATED = 0.02
-"""Share of rows that repeat a time stamp, with other values, up to which they are left out: two recordings in one file,
-or stamps with too few digits, repeat far more."""
+_FEW_REPEATED, _MOST_IN_A_ROW, _LARGEST_STEP = 0.02, 2, 3.0
+"""Share of rows that repeat a time stamp, with other values, up to which they are left out; how many follow each other
+then: a clock that stands still writes more; and how many times the usual largest step a position changes by: to a row
+of another recording it changes by more."""
+
+
+def _are_within_tick(q: FloatArray, repeats: IntArray) -> BoolArray:
+    """Tell which of the rows that repeat a stamp are few in a row, with positions q (m, n) near those before them."""
+    steps = np.abs(np.diff(q, axis=0, prepend=q[:1]))
+    usual = _LARGEST_STEP * np.quantile(steps, 0.95, axis=0) if len(q) else steps
+    in_a_row = np.isin(repeats - _MOST_IN_A_ROW, repeats) & np.isin(repeats - 1, repeats)
+    return np.asarray((steps[repeats] <= usual).all(axis=1) & ~in_a_row)
 
 
 class GridRows(NamedTuple):
@@ -323,10 +332,11 @@ class Segmenter:
         new[1:] = (np.diff(t) != 0) | (np.diff(label) != 0)
         if self._last is not None:
             new[0] = t[0] != self._last[0] or label[0] != self._last[1]
+        repeats = np.flatnonzero(~new)
         if self._base.n_repeated <= _FEW_REPEATED * self._base.n_rows:
             # A logger that polls writes two rows within a tick of its clock here and there.
-            return new
-        for row in np.flatnonzero(~new):
+            repeats = repeats[~_are_within_tick(values[:, self._layout.columns_of_kind("q")], repeats)]
+        for row in repeats:
             # The row before may have been the last one of the block before.
             other = values[row - 1] if row else (self._last[2] if self._last is not None else values[row])
             if not np.array_equal(values[row], other, equal_nan=True):

@@ -115,9 +115,8 @@ def find_base_parameters(
     observation = Observation.from_columns(robot, columns, signals)
     n_states = _STATES_PER_COLUMN * len(columns) // robot.n + 20
     w = evaluate_at_random_states(observation, n_states, seed, at_rest=at_rest)
-    return select_base(
-        w, tuple(column.name for column in columns), tolerance, units=tuple(column.unit for column in columns)
-    )
+    kinds = tuple((column.effect, column.unit) for column in columns)
+    return select_base(w, tuple(column.name for column in columns), tolerance, kinds=kinds)
 
 
 def find_base_parameters_among(
@@ -152,7 +151,7 @@ def select_base(
     names: tuple[str, ...],
     tolerance: float = DEFAULT_TOLERANCE,
     n_known: int = 0,
-    units: Sequence[str] | None = None,
+    kinds: Sequence[tuple[str, str]] | None = None,
 ) -> BaseParameters:
     """Choose independent columns of an observation matrix, earlier columns first.
 
@@ -166,9 +165,9 @@ def select_base(
         Share of a column's norm outside the columns before it, up to which it counts as dependent on them.
     n_known : int
         So many leading columns are independent already: they are kept, however little of them these states show.
-    units : sequence of str, optional
-        Units of the parameters. A column has no effect if its share of the largest one of its unit is at most the
-        tolerance: as the first moment of a link on a vertical axis that rounded angles tilt by 1e-7.
+    kinds : sequence of (str, str), optional
+        Effects and units of the parameters. A column has no effect if its share of the largest one of its effect and
+        unit is at most the tolerance: as the first moment of a link on a vertical axis that rounding tilts by 1e-7.
 
     Returns
     -------
@@ -179,8 +178,8 @@ def select_base(
     largest = norms.max(initial=0.0)
     # Zeroed before scaling: a column of rounding errors, scaled up, would pass for an independent one.
     null = norms <= _NULL * largest
-    for unit in set(units or ()):
-        alike = np.array([other == unit for other in units or ()])
+    for kind in set(kinds or ()):
+        alike = np.array([other == kind for other in kinds or ()])
         null |= alike & (norms <= tolerance * norms[alike].max())
     null[:n_known] = norms[:n_known] <= 0.0
     scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))

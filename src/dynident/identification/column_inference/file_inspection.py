@@ -132,7 +132,9 @@ def _propose(sample: Sample, robot: Robot) -> Proposal:
     timed = replace(sample, names=(*sample.names, "t"), values=np.column_stack([sample.values, times]))
     at_rate = propose(replace(timed, has_stated_rate=True), robot)
     guesses = (each for each in at_rate.guesses if each.field in _FOUND_BY_NAMES and each.confidence >= SURE)
-    missing = (replace(each, choices=sample.names) for each in at_rate.questions if each.field in _FOUND_BY_NAMES)
+    missing = [each for each in at_rate.questions if each.field in _FOUND_BY_NAMES]
+    # The time that was added is no column of the file.
+    missing = [replace(each, choices=tuple(name for name in each.choices if name != "t")) for each in missing]
     return replace(proposal, guesses=(*proposal.guesses, *guesses), questions=(*proposal.questions, *missing))
 
 

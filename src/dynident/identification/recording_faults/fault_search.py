@@ -444,7 +444,8 @@ class _TorqueEvidence:
 
 def _is_possible_fault(fault: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
     """Tell whether neither masses nor friction nor limits refute a fault; too much friction is of a scaled torque."""
-    if fault.is_of_positions and _leaves_limits(robot, motion.q, fault.mend(motion).q):
+    # Limits tell a unit. Of signs and zeros they say nothing: it may be the description that has others.
+    if fault.kind == "position scaled" and _leaves_limits(robot, motion.q, fault.mend(motion).q):
         return False
     if fault.kind == "torques swapped":
         # Joints at rest hold a load against gravity as others move it, but no friction.

@@ -41,8 +41,8 @@ _NO_FRICTION = 0.01
 and more, even of direct drives, since joints move on bearings and seals."""
 
 _BY_CHANCE, _OF_LIGHT = 0.15, 0.5
-"""Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance; and the
-one from which on the torque of a joint that carries little was measured."""
+"""Share of the load's residual that three columns explain of correlated noise by chance, and that friction has to have
+of a joint that carries little."""
 
 _MOVES = 0.01
 """rad or m that the fastest joint must move in the mean, or nothing tells friction."""
@@ -95,25 +95,25 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     # What links of the description's masses add to their load in this motion, where it has masses.
     load = _compute_load(robot, q) if _has_masses(robot) else None
     added = None if load is None else compute_described_torque(robot, q, dq, ddq) - load
-    shows_inertia = added is None
-    shares: list[tuple[float, float]] = []
+    shares, shows_inertia = list[tuple[float, float]](), added is None
     for joint in np.flatnonzero((spread > 0) & (dq.std(axis=0) > 0)):
-        # Dry and viscous friction and the inertia of the drive: what motion adds to any measured torque.
-        own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
-        share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
+        # Friction and the inertia of the drive: what motion adds to any measured torque. A command that is late has a
+        # smooth part of motion, too, which is all there is of it where a joint carries little.
+        dry, smooth = np.sign(dq[:, [joint]]), np.column_stack([dq[:, joint], ddq[:, joint]])
+        load_columns, own = ([loads[joint]], [dry, smooth]) if heavy[joint] else ([loads[joint], smooth], [dry])
+        share_left, moving = _measure_static_shares(np.hstack(load_columns), np.hstack(own), tau[:, joint], block)
         bound = max(_NO_FRICTION, (_BY_CHANCE if heavy[joint] else _OF_LIGHT) * share_left)
         if moving > bound or (heavy[joint] and share_left > _UNEXPLAINED_BY_GRAVITY):
             return None
+        shares += [(share_left, moving)] if heavy[joint] else []
         if heavy[joint] and load is not None and added is not None:
-            size = float(np.linalg.norm(load[:, joint]))
-            shows_inertia = shows_inertia or _BELIEVED * float(np.linalg.norm(added[:, joint])) > bound * size
-        if heavy[joint]:
-            shares.append((share_left, moving))
+            size, moved = (float(np.linalg.norm(torque[:, joint])) for torque in (load, added))
+            shows_inertia = shows_inertia or _BELIEVED * moved > bound * size
     # A sensor behind the gears measures no friction. In a slow motion it measures gravity alone, as a command would.
     if not shares or not shows_inertia:
         return None
-    worst = np.max(shares, axis=0)
-    return StaticTorque(float(worst[0]), float(worst[1]), tuple(int(joint) for joint in np.flatnonzero(heavy)))
+    share_left, moving = np.max(shares, axis=0).tolist()
+    return StaticTorque(share_left, moving, tuple(np.flatnonzero(heavy).tolist()))
 
 
 def _measure_static_shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: IntArray) -> tuple[float, float]:

@@ -386,7 +386,8 @@ def _build_models(
         # Friction first: no parameter of a link may stand for it.
         order = sorted(range(len(own)), key=lambda k: not get_effect(own[k].effect).is_friction)
         rows = evaluate_at_random_states(observation, _STATES_PER_COLUMN * len(own) // len(joints) + 20)[:, order]
-        base = select_base(rows, tuple(own[k].name for k in order), units=tuple(own[k].unit for k in order))
+        kinds = tuple((own[k].effect, own[k].unit) for k in order)
+        base = select_base(rows, tuple(own[k].name for k in order), kinds=kinds)
         models.append((joints, observation, np.sort(np.array(order)[list(base.kept)])))
     return tuple(models)
 
