@@ -141,7 +141,8 @@ def plan_lengths(monkeypatch):
         monkeypatch.setattr(
             campaign_module, "predict_errors", lambda model, measure, design, last: np.full(4, promises[design.seconds])
         )
-        return plan_run(state).design.seconds, designed
+        design = plan_run(state).design
+        return design.duration - design.moves, designed
 
     return plan
 
