@@ -83,9 +83,22 @@ def test_a_first_row_with_other_words_than_the_next_is_a_row(tmp_path: Path, fir
     assert len(read_columns(source)["column3"]) == 40
 
 
-def test_names_that_are_partly_numbers_stay_names(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("t;1;2\n" + "".join(f"{i / 100:.2f};{i};{i}\n" for i in range(40)))
-    assert tuple(open_source(tmp_path / "log.csv", None).names) == ("t", "1", "2")
+@pytest.mark.parametrize(
+    ("names", "begin"),
+    [
+        (("t", "1", "2"), ""),
+        (("id", "1", "2", "3"), "r"),
+        (("id", "0.1", "0.2", "0.3"), "r"),
+        (("id", "-0.25", "0.0", "0.25", "0.5"), "r"),
+    ],
+)
+@pytest.mark.parametrize("sign", [";", ",", "\t"])
+def test_names_that_are_partly_numbers_stay_names(
+    names: tuple[str, ...], begin: str, sign: str, tmp_path: Path
+) -> None:
+    rows = [names, *((f"{begin}{i}", *(str(i % (k + 3)) for k in range(len(names) - 1))) for i in range(40))]
+    (tmp_path / "log.csv").write_text("".join(sign.join(row) + "\n" for row in rows))
+    assert tuple(open_source(tmp_path / "log.csv", None).names) == names
 
 
 def write_pairs(path: Path, late: float = 0.0) -> dict[str, np.ndarray]:

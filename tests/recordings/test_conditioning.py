@@ -22,7 +22,7 @@ from dynident.recordings import (
     import_recording,
 )
 from dynident.recordings.columns_to_signals import Column, Layout
-from dynident.recordings.conditioning import Conditioning
+from dynident.recordings.conditioning import Conditioning, missing_and_held
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.recording_import import condition_arrays, scan_time
 from dynident.recordings.row_storage import load_stored_samples
@@ -404,9 +404,17 @@ def test_positions_that_read_0_for_a_moment_are_told_and_not_used(rate, rows, co
     right, checks = conditioned(t, values)
     check = checks["frozen_signals"]
     assert (check.status, check.row) == ("warning", zero.start + 1)
+    # The first of them is not the one before.
+    assert "stay exactly the same although the joint moves" in check.detail
     assert np.isnan(right[zero, 1]).all()
     kept = np.delete(np.arange(len(t)), np.arange(zero.start, zero.stop))
     np.testing.assert_array_equal(right[kept], values[kept])
+
+
+def test_signals_that_are_never_the_same_for_long_are_not_searched_for_jumps(monkeypatch):
+    monkeypatch.setattr(missing_and_held.FrozenSignals, "_jumps_away", None)
+    t, values = arm_signals(57, 250.0, 40.0)
+    assert conditioned(t, values)[1]["frozen_signals"].status == "ok"
 
 
 def test_a_joint_that_stands_exactly_still_for_a_while_is_not_frozen():

@@ -41,6 +41,11 @@ class JointLimits:
     velocity: float | None = None
     effort: float | None = None
 
+    @property
+    def torque_unit(self) -> str:
+        """Unit of the joint's torque, or of its force."""
+        return "N" if self.kind == "prismatic" else "N m"
+
 
 WrenchProjection = Callable[[str, FloatArray, FloatArray, bool], FloatArray]
 

@@ -81,7 +81,7 @@ def check_torque(
     checks = [
         *_find_impossible_torques(sample, layout),
         _check_saturation(recording, sample, layout, limits),
-        _check_resolution(recording, sample, layout),
+        _check_resolution(recording, sample, layout, limits),
         _check_constant_torque(recording, sample, layout),
     ]
     if checks[-1].status == "warning":
@@ -155,20 +155,19 @@ def find_torque_ranges(
 def _check_saturation(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> Check:
-    units = ["N" if limit.kind == "prismatic" else "N m" for limit in limits]
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
     plateaus: list[tuple[float, Check]] = []
     for joint, (low, high) in enumerate(recording.torque_ranges):
         flat = (tau[:, joint] <= low) | (tau[:, joint] >= high)
         share = float(flat.mean())
         if flat.any():
-            first = int(np.flatnonzero(flat)[0])
+            first, unit = int(np.flatnonzero(flat)[0]), limits[joint].torque_unit
             brake = _find_brake(joint, flat, sample, layout)
             why = _describe_brake(brake) if brake else _SATURATES
             check = Check(
                 "saturation",
                 "error" if share > 0.2 else "warning",
-                f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} {units[joint]}) for "
+                f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} {unit}) for "
                 f"{format_percent(share, 2)} of the rows, first in row {row[first]} (t = {format_time(t[first])} "
                 f"s): {why}",
                 layout.tau[joint].source,
@@ -314,7 +313,9 @@ def _move_together(first: FloatArray, other: FloatArray) -> bool:
     return bool(abs(np.corrcoef(first, other)[0, 1]) > 0.999 if is_moving else np.array_equal(first, other))
 
 
-def _check_resolution(recording: Recording, sample: RawSample, layout: Layout) -> Check:
+def _check_resolution(
+    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+) -> Check:
     """Warn of torques in coarse steps: no model explains what rounding took, and no filter gives it back."""
     tau = sample.tau[sample.used]
     sizes = np.sqrt(np.mean(np.nan_to_num(tau) ** 2, axis=0))
@@ -322,11 +323,10 @@ def _check_resolution(recording: Recording, sample: RawSample, layout: Layout) -
     for joint in range(layout.n_base, tau.shape[1]):
         own = tau[np.isfinite(tau[:, joint]), joint]
         step = find_step(own) if len(own) > 1 and recording.has_torque[joint] else 0.0
-        # The error of rounding is spread evenly over a step.
-        lost = step / np.sqrt(12.0) / max(sizes[joint], np.finfo(float).tiny)
+        lost = step / np.sqrt(12.0) / max(sizes[joint], np.finfo(float).tiny)  # its errors are spread evenly
         if lost > ROUNDED:
-            share = format_percent(lost, decimals=0)
-            coarse[joint] = f"{layout.tau[joint].source} (steps of {step:.3g}, rounding {share} of its rms)"
+            unit, share = limits[joint].torque_unit, format_percent(lost, decimals=0)
+            coarse[joint] = f"{layout.tau[joint].source} (steps of {step:.3g} {unit}, rounding {share} of its rms)"
     if not coarse:
         return Check("torque_resolution", "ok", "No torque comes in coarse steps.")
     detail = (

@@ -85,6 +85,8 @@ _SHORTEST_BURST, _BURST_SHARE = 0.3, 0.4
 _MORE_BY_TWO = 1.25
 # Share of what a dependence explains that its cause has to explain, with one or two numbers instead of its many bins.
 _OF_PATTERN = 0.7
+# Times a drive's torque that another joint's has to contain: a coupling in a wrist is a ratio of its gears.
+_LEAST_COUPLING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,27 +228,20 @@ def _compute_held_out_share(joint: _JointRows, bins: IndexArray) -> float:
 def _find_cause(rows: _PatternRows, joint: _JointRows, j: int, comparison: Comparison, share: float) -> str:
     """Word what explains nearly as much as a pattern: the drive of another joint, or an offset that changes in time."""
     names, unit, telling = comparison.joint_names, comparison.units[j], joint.telling
-    # The joint's own friction, rotor, load and offset have taken their part of any cause already.
-    sign = np.sign(rows.dq[telling, j])
-    signals = (signal[telling, j] for signal in (rows.dq, rows.ddq, rows.load))
-    own = np.column_stack([np.ones(len(sign)), sign, *signals])
-    others = {
-        # Of the other joint's load the links of this one have taken their part: it is free beside its drive.
-        k: _fit_held_out(joint, np.column_stack([rows.drive[telling, k], rows.load[telling, k]]), own)
-        for k in range(len(names))
-        if k != j and comparison.units[k] == unit
-    }
+    others = {k: _fit_other_drive(rows, j, k) for k in range(len(names)) if k != j and comparison.units[k] == unit}
     t = (rows.t[telling] - rows.t.min()) / max(float(np.ptp(rows.t)), np.finfo(float).tiny)
     # An offset that drifts does so slowly: a parabola over the whole recording.
-    drift, coefficients = _fit_held_out(joint, np.column_stack([t, t**2]), own)
+    drift, coefficients = _fit_held_out(joint, np.column_stack([t, t**2]), _stack_own(rows, telling, j))
     k = max(others, key=lambda other: others[other][0], default=j)
-    if k != j and others[k][0] >= max(_OF_PATTERN * share, drift):
-        factor = float(others[k][1][0])
+    gain, (factor,) = others.get(k, (0.0, (0.0,)))
+    is_enough = gain >= max(_OF_PATTERN * share, drift) and abs(factor) >= _LEAST_COUPLING
+    # Where each of both drives explains the other joint, they share something that neither of them is.
+    if is_enough and _fit_other_drive(rows, k, j)[0] < _SHARE:
         return (
-            f"The torque of {names[j]} contains about {factor:.2g} times that of the drive of {names[k]}: their motors "
-            f'are coupled, as in many wrists. State that among the robot\'s drives, "{names[k]}": {{"coupling": '
-            f'{{"{names[j]}": {-factor:.2g}}}}}, and give the columns as currents with drive gains, of 1 if they '
-            "are N m: stated as tau they count as torques of the joints."
+            f"The torque of {names[j]} probably contains about {factor:.2g} times that of the drive of {names[k]}: "
+            "their motors may be coupled, as in many wrists. If they are, state that among the robot's drives, "
+            f'"{names[k]}": {{"coupling": {{"{names[j]}": {-factor:.2g}}}}}, and give the columns as currents with '
+            "drive gains, of 1 if they are N m: stated as tau they count as torques of the joints."
         )
     if drift >= _OF_PATTERN * share:
         course = coefficients[0] * np.array([0.0, 0.5, 1.0]) + coefficients[1] * np.array([0.0, 0.25, 1.0])
@@ -258,21 +253,40 @@ def _find_cause(rows: _PatternRows, joint: _JointRows, j: int, comparison: Compa
     return ""
 
 
+def _stack_own(rows: _PatternRows, telling: BoolArray, j: int) -> FloatArray:
+    """Return what a joint's own friction, rotor, load and offset have taken of any cause already."""
+    sign = np.sign(rows.dq[telling, j])
+    signals = (signal[telling, j] for signal in (rows.dq, rows.ddq, rows.load))
+    return np.column_stack([np.ones(len(sign)), sign, *signals])
+
+
+def _fit_other_drive(rows: _PatternRows, j: int, k: int) -> tuple[float, FloatArray]:
+    """Return the share of a joint's residual that the drive of another joint explains, and its factor (1,)."""
+    joint = _JointRows.from_rows(rows, j)
+    # Of the other joint's load the links of this one have taken their part: it is free with and without the drive.
+    own = np.column_stack([_stack_own(rows, joint.telling, j), rows.load[joint.telling, k]])
+    return _fit_held_out(joint, rows.drive[joint.telling, k : k + 1], own)
+
+
 def _fit_held_out(joint: _JointRows, columns: FloatArray, own: FloatArray) -> tuple[float, FloatArray]:
     """Return the held-out share of the residual's variance that columns (m, c) explain, and their factors (c,).
 
-    Each fold of blocks is predicted from the others; the joint's own columns are free in every fit.
+    Each fold of blocks is predicted from the others. What the joint's own columns explain, which are free in every fit,
+    does not count.
     """
     residual, fold = joint.targets[0], joint.fold[joint.row_block]
     total = float(residual @ residual)
     if total <= 0.0:
         return 0.0, np.zeros(columns.shape[1])
+
+    def compute_left(rows: FloatArray) -> float:
+        helds = [fold == number for number in range(_FOLDS)]
+        errors = (residual[held] - rows[held] @ _solve(rows[~held], residual[~held]) for held in helds)
+        return sum(float(error @ error) for error in errors)
+
     rows = np.column_stack([columns, own])
-    left = 0.0
-    for number in range(_FOLDS):
-        held = fold == number
-        left += float(((residual[held] - rows[held] @ _solve(rows[~held], residual[~held])) ** 2).sum())
-    return 1.0 - left / total, _solve(rows, residual)[: columns.shape[1]]
+    gain = min(compute_left(own), total) - compute_left(rows)
+    return gain / total, _solve(rows, residual)[: columns.shape[1]]
 
 
 def _solve(rows: FloatArray, right: FloatArray) -> FloatArray:

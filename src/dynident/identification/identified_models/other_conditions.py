@@ -232,24 +232,28 @@ def warn_of_friction_signs(identification: Identification) -> list[str]:
     if not has_plain_friction(identification.model):
         return []
     friction = [
-        parameter
+        (parameter, role)
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
-        if get_role(column) in FRICTION_ROLES and not column.runs
+        if (role := get_role(column)) in FRICTION_ROLES and not column.runs
     ]
     # Three standard deviations: noise alone takes hardly any of a dozen parameters that far below zero.
-    negative = [parameter for parameter in friction if parameter.value < -3.0 * parameter.standard_deviation]
-    joints, wrong = ({parameter.link for parameter in own} for own in (friction, negative))
-    if len(wrong) > 1 and 2 * len(wrong) > len(joints):
-        # Exchanged or turned columns are those of some joints, and a turned sign of all turns the masses as well.
+    negative = [
+        (parameter, role) for parameter, role in friction if parameter.value < -3.0 * parameter.standard_deviation
+    ]
+    joints = {parameter.link for parameter, _ in friction}
+    # A torque that leads the motion takes damping away, but no Coulomb friction.
+    wrong = {parameter.link for parameter, role in negative if role == "dry"}
+    # Turned signs, of torques or of positions, turn masses as well: the inertia matrix is then not positive definite.
+    if len(wrong) > 1 and 2 * len(wrong) > len(joints) and identification.inertia_matrix_positive_definite:
         where = "all joints" if wrong == joints else "most joints"
-        names = ", ".join(parameter.name for parameter in negative)
+        names = ", ".join(parameter.name for parameter, _ in negative)
         return [
             f"Friction is negative on {where} ({names}): these are probably not the torques of the drives, but what "
             "the controller asks for beside its compensation of friction. Record the measured torque or current, or "
-            "switch that compensation off; the masses in this model are right all the same."
+            "switch that compensation off."
         ]
     return [
         f"{parameter.name} on {parameter.link} is negative ({format_number(parameter.value)} {parameter.unit}): check "
         "the sign of its torque and the order of the torque columns."
-        for parameter in negative
+        for parameter, _ in negative
     ]

@@ -124,9 +124,10 @@ class FrozenSignals:
             is_fine = np.count_nonzero(same[:, column]) - n_long <= RARELY * n_others and n_others > shortest
             is_torque = column in self._signals.position
             is_frozen = self._is_frozen_torque if is_torque else self._is_frozen_position
-            if not is_torque:
+            is_short = ~is_long & (stops - starts >= FEWEST_AWAY)
+            if not is_torque and is_short.any():
                 # A position that jumps away and back is none, however soon: the joint cannot have been there.
-                is_long |= (stops - starts >= FEWEST_AWAY) & self._jumps_away(window, column, starts, stops)
+                is_long |= is_short & self._jumps_away(window, column, starts, stops)
             for start, stop in zip(starts[is_long].tolist(), stops[is_long].tolist(), strict=True):
                 if stop - start < shortest:
                     start -= 1  # the first of the equal samples is as wrong as those that repeat it
@@ -185,8 +186,8 @@ class FrozenSignals:
             return [Check(self.name, "ok", "No frozen signal was found.")]
         late = f" It showed too late to leave out {', '.join(self._late)}: exclude these." if self._late else ""
         detail = (
-            f"{rows.n} samples, first in row {rows.first[0]} (t = {format_time(rows.first[1])} s), are exactly the one "
-            f"before although the joint moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
+            f"{rows.n} samples, first in row {rows.first[0]} (t = {format_time(rows.first[1])} s), stay exactly the "
+            f"same although the joint moves: {rows.describe(self._signals.sources)}. Old values were repeated, or a "
             f"drive was off. These rows are not used, and no filter runs across them.{late} If the values are right"
         )
         return [rows.warn_of_correction(self.name, detail, self._signals.sources)]

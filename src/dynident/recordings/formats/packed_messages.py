@@ -300,12 +300,13 @@ _PROPERTY = re.compile(r"(?P<word>[A-Za-z]\w*): ?(?P<value>.*)")
 def have_words_alike(words: Sequence[Sequence[str | None]], first: str) -> bool:
     """Return whether two lines, None for their numbers, are both rows with words at the same places.
 
-    Names may be numbers as well, but none with a fraction.
+    Names may be numbers as well: whole ones, or three and more with fractions that rise from column to column.
     """
-    if words[0] == words[1]:
-        return True
+    comma = "," if re.search("[;\t|]", first) else ""
+    values = [float(cell.replace(",", ".")) for cell in re.findall(rf"[+-]?\d+[.{comma}]\d+", first)]
+    are_names = not values or (len(values) > 2 and values == sorted(set(values)))
     places = [[word is None for word in line] for line in words[:2]]
-    return places[0] == places[1] and re.search(r"\d[.,]\d", first) is not None
+    return words[0] == words[1] or (places[0] == places[1] and not are_names)
 
 
 def put_word_before(cells: Sequence[str]) -> list[str]:
@@ -349,8 +350,6 @@ _LABELLED = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_][\w.]*(?:\[\d+\])?)[ ]*[:=
 _BARE = re.compile(r"(?<![\w.])(?P<label>[A-Za-z_]\w*)[ ]+(?=[+-]?[.\d])")
 """A word before numbers with a sign between, and with spaces alone."""
 _FREE_NUMBER = re.compile(r"(?<![\w.])[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
-
-
 _BRACES = re.compile(r"\w[ ]*+[:=][ ]*+\{[ ]*+[+-]?[.\d]")
 _TIME_OF_DAY = re.compile(r"(?<![\w:.])(\d{1,2}):([0-5]\d):([0-5]\d(?:[.,]\d+)?)(?![\w:.])")
 
