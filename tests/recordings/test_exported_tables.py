@@ -38,7 +38,7 @@ from dynident.identification.column_inference.file_inspection import inspect_fil
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.recordings import RecordingError, RecordingMetadata, choose_preprocessing
 from dynident.recordings.conditioning.signed_registers import _has_lost_sign
-from dynident.recordings.formats import csv_and_parquet, json_records, open_source
+from dynident.recordings.formats import csv_and_parquet, json_records, open_source, rearranged_tables
 from dynident.recordings.formats.text_streams import TextContent, find_stated_rate
 from dynident.robot import robot_from_urdf
 from dynident.robot.description_and_json import set_base
@@ -296,11 +296,11 @@ def test_signals_below_another_are_bounded_by_what_they_become(tmp_path, monkeyp
     names = [("long", 6000), *((f"s{k}", 8) for k in range(1200))]
     rows = [f"{k / count:.6f},{name},{np.sin(k):.4f}" for name, count in names for k in range(count)]
     path = written(tmp_path / "s.csv", "\n".join(["time,signal,value", *rows, ""]))
-    monkeypatch.setattr(csv_and_parquet, "MOST_UNPACKED", 1 << 20)
+    monkeypatch.setattr(rearranged_tables, "MOST_UNPACKED", 1 << 20)
     with pytest.raises(RecordingError, match="below another, in too many rows"):
         open_source(path, None)
     # Where the table is too long, one signal alone is none of several, and the table stays as it is.
-    monkeypatch.setattr(csv_and_parquet, "_MOST_STACKED", 1 << 10)
+    monkeypatch.setattr(rearranged_tables, "_MOST_STACKED", 1 << 10)
     word = "\n".join(["time,signal,value", *rows[:900], *(row.replace("long", "end") for row in rows[900:6000]), ""])
     assert "value" in open_source(written(tmp_path / "w.csv", word), None).names
 
