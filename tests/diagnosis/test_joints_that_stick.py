@@ -18,7 +18,7 @@ from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.outcome_reasons import Reason
 from dynident.diagnosis.search import next_finding, static_friction
 from dynident.diagnosis.search.acceptance_rules import find_rejection, is_shadowed
-from dynident.diagnosis.search.search_state import State
+from dynident.diagnosis.search.search_state import State, gather_state
 from dynident.diagnosis.search.static_friction import Halts, find_halts, is_extrapolated
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.identification import extend, identify
@@ -80,7 +80,6 @@ def breaking_away(
 
 def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joint(monkeypatch):
     rows = []
-    gather_state = static_friction.gather_state
     monkeypatch.setattr(
         static_friction,
         "gather_state",
