@@ -88,7 +88,7 @@ def test_bursts_of_rows_with_one_time_are_read_without_a_warning_of_numpy(seed: 
     given = log("ur10", seed, rate=1000.0, duration=6.0)
     rng = np.random.default_rng(seed)
     late = np.maximum.accumulate(given.t + rng.exponential(2e-4, len(given.t)))
-    columns = given.columns() | {"t": np.round(late, 4)}
+    columns = given.columns() | {"t": np.round(late, 3)}
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         guess(given.robot, columns)

@@ -24,6 +24,8 @@ DEFAULT_TOLERANCE = 2e-5
 
 # A column whose norm is below this share of the largest norm has no effect on the torque.
 _NULL = 1e-8
+# Or below this share of the largest of its kind: angles written with six digits tilt an axis by less.
+_OF_KIND = 1e-6
 # Coordinates below this, of columns of unit length, are rounding errors and become zero.
 _ROUNDING = 1e-9
 # Rows of the random observation matrix for every column: twice as many as would do.
@@ -167,7 +169,7 @@ def select_base(
         So many leading columns are independent already: they are kept, however little of them these states show.
     kinds : sequence of (str, str), optional
         Effects and units of the parameters. A column has no effect if its share of the largest one of its effect and
-        unit is at most the tolerance: as the first moment of a link on a vertical axis that rounding tilts by 1e-7.
+        unit is at most 1e-6: as the first moment of a link on a vertical axis that rounding tilts by 1e-7.
 
     Returns
     -------
@@ -180,7 +182,7 @@ def select_base(
     null = norms <= _NULL * largest
     for kind in set(kinds or ()):
         alike = np.array([other == kind for other in kinds or ()])
-        null |= alike & (norms <= tolerance * norms[alike].max())
+        null |= alike & (norms <= _OF_KIND * norms[alike].max())
     null[:n_known] = norms[:n_known] <= 0.0
     scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))
     # Gram-Schmidt in the given order, not with pivoting: of dependent columns the earlier one has to stay, so that

@@ -25,6 +25,9 @@ from dynident.progress import Progress, ignore_progress
 
 # Deviations differ where their ratio is off by more than so many of its own standard deviations.
 _TWICE = 2.0
+_NEIGHBOURS = 0.5
+"""Ratio down to which the correlation of neighbouring blocks explains it: the computed deviation has it, and draws of
+single blocks leave it out."""
 _MOST_OUTSIDE = 0.1
 """Share of the parameters that may be outside: of deviations known so well, one in twenty would be by chance."""
 
@@ -47,7 +50,7 @@ class DrawnParameter:
     drawn : float
         Standard deviation over the draws.
     low : float
-        Smallest ratio of `drawn` over `told` that so few blocks of time explain.
+        Smallest ratio of `drawn` over `told` that so few blocks of time, and the correlation of neighbours, explain.
     high : float
         Largest such ratio.
     """
@@ -138,7 +141,7 @@ def validate_bootstrap(
     width = _TWICE * np.sqrt(1.0 / (2.0 * statistics.freedom) + error**2)
     values = zip(names, units, statistics.standard_deviations, result.deviations, width, strict=True)
     parameters = tuple(
-        DrawnParameter(name, unit, float(own), float(drawn), float(1.0 / (1.0 + wide)), float(1.0 + wide))
+        DrawnParameter(name, unit, float(own), float(drawn), float(_NEIGHBOURS / (1.0 + wide)), float(1.0 + wide))
         for name, unit, own, drawn, wide in values
     )
     judged = _judge_deviations(parameters, result, stretches)
