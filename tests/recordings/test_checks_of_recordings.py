@@ -89,6 +89,16 @@ def test_few_rows_within_one_tick_of_the_clock_are_left_out(tmp_path):
     assert "left out" in check.detail
 
 
+def test_few_rows_within_one_tick_are_left_out_where_a_joint_mostly_stands(tmp_path):
+    columns = changed(
+        "q2", lambda q: np.where(np.arange(len(q)) < 0.97 * len(q), q[0], q[0] + 1e-3 * np.arange(len(q)))
+    )
+    last = len(columns["t"]) - 10
+    columns["t"] = columns["t"].copy()
+    columns["t"][last] = columns["t"][last - 1]
+    assert found(tmp_path, columns, "repeated_time").status == "warning"
+
+
 def test_a_clock_that_stands_still_for_many_rows_is_refused(tmp_path):
     def stand(t):
         t[700:720] = t[700]

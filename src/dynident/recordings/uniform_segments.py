@@ -196,9 +196,11 @@ of another recording it changes by more."""
 def _are_within_tick(q: FloatArray, repeats: IntArray) -> BoolArray:
     """Tell which of the rows that repeat a stamp are few in a row, with positions q (m, n) near those before them."""
     steps = np.abs(np.diff(q, axis=0, prepend=q[:1]))
-    usual = _LARGEST_STEP * np.quantile(steps, 0.95, axis=0) if len(q) else steps
+    # A joint may stand most of the time: the steps that it makes count.
+    moves = [step[step > 0] for step in steps.T]
+    usual = _LARGEST_STEP * np.array([np.quantile(own, 0.95) if len(own) else 0.0 for own in moves])
     in_a_row = np.isin(repeats - _MOST_IN_A_ROW, repeats) & np.isin(repeats - 1, repeats)
-    return np.asarray((steps[repeats] <= usual).all(axis=1) & ~in_a_row)
+    return np.asarray(~(steps[repeats] > usual).any(axis=1) & ~in_a_row)
 
 
 class GridRows(NamedTuple):
@@ -333,7 +335,7 @@ class Segmenter:
         if self._last is not None:
             new[0] = t[0] != self._last[0] or label[0] != self._last[1]
         repeats = np.flatnonzero(~new)
-        if self._base.n_repeated <= _FEW_REPEATED * self._base.n_rows:
+        if len(repeats) and self._base.n_repeated <= _FEW_REPEATED * self._base.n_rows:
             # A logger that polls writes two rows within a tick of its clock here and there.
             repeats = repeats[~_are_within_tick(values[:, self._layout.columns_of_kind("q")], repeats)]
         for row in repeats:
