@@ -161,8 +161,7 @@ def test_one_identifies_without_loading_what_takes_longer_to_load_than_that(tmp_
         "import sys; from dynident_cli.program_and_exit_codes import app; code = 0\n"
         f"try:\n    app(['identify', 'scara', {str(run)!r}, '-v', {str(other)!r}, '--json'], prog_name='dynident')\n"
         "except SystemExit as end:\n    code = end.code or 0\n"
-        "heavy = {'matplotlib', 'fastapi', 'ruckig', 'pyarrow.compute', 'scipy.interpolate', 'scipy.ndimage',\n"
-        "         'dynident.diagnosis.search.search_state'}\n"
+        "heavy = {'matplotlib', 'fastapi', 'ruckig', 'pyarrow.compute', 'dynident.diagnosis.search.search_state'}\n"
         "print(sorted(heavy & set(sys.modules)), code, file=sys.stderr)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
