@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import dynident as dy
 from dynident.advice import campaign as campaign_module
 from dynident.advice.campaign import PlannedRun, _predict_end, add_run, decide, plan_run, start_campaign
-from dynident.advice.campaign_request import CampaignRequest, list_designs
+from dynident.advice.campaign_request import DESIGN_SECONDS, DESIGN_STARTS, CampaignRequest, list_designs
 from dynident.advice.payload_goal import PayloadErrors
 from dynident.advice.prediction_error import (
     RegionRows,
@@ -179,6 +179,7 @@ def test_a_longer_run_is_planned_only_where_it_tells_more_for_its_time(plan_leng
 
 def test_runs_without_a_promise_leave_the_time_for_those_that_have_to_follow(plan_lengths):
     design = replace(DESIGN, trajectory=replace(DESIGN.trajectory, duration=10.0))
+    _, after_first, _ = first_run()
 
     def plan(seconds, **changes):
         state = start_campaign(ARM, replace(REQUEST, design=design, minutes=seconds / 60, **changes))
@@ -187,15 +188,32 @@ def test_runs_without_a_promise_leave_the_time_for_those_that_have_to_follow(pla
     assert plan(9.6) == (5.0, [5.0])
     # The shortest run that follows takes 3.5 s with its moves, which are known once a motion is designed.
     assert plan(9.4) == (2.5, [5.0, 2.5])
-    assert plan(3.0) == (2.5, [2.5])
+    assert plan(3.6) == (2.5, [2.5])
+    with pytest.raises(dy.DynidentError, match=r"takes 3\.50 s with its moves from and to home"):
+        plan(3.0)
     load = {"goal": "payload", "unloaded_runs": 2}
     assert [plan(seconds, **load)[0] for seconds in (13.1, 12.9)] == [5.0, 2.5]
     # For effects a run is as long as it may be.
-    _, state, _ = first_run()
+    state = after_first
     for left, expected in ((11.1, (10.0, [10.0])), (10.9, (5.0, [10.0, 5.0])), (5.1, (2.5, [5.0, 2.5]))):
         minutes = (state.seconds + left) / 60
         request = replace(REQUEST, goal="effects", decide=("stribeck",), design=design, minutes=minutes)
         assert plan_lengths(replace(state, request=request), {}) == expected
+
+
+def test_options_of_a_motion_say_what_they_are_for_the_runs_of_a_campaign():
+    words = " ".join(CliRunner().invoke(app, ["campaign", "--help"], env={"COLUMNS": "200"}).stdout.split())
+    assert "a run may take half of it or a quarter, in s" in words
+    assert f"by default {DESIGN_STARTS}, or as many as --time-budget allows" in words
+
+
+def test_a_search_that_is_not_stated_makes_few_starts_and_ends_in_time():
+    def start(**changes):
+        design = start_campaign(ARM, replace(REQUEST, design=replace(DESIGN, starts=None, **changes))).request.design
+        return design.starts, design.time_budget
+
+    assert start() == (DESIGN_STARTS, DESIGN_SECONDS)
+    assert start(time_budget=60.0) == (None, 60.0)
 
 
 def measure_motion(planned) -> float:

@@ -139,26 +139,26 @@ def validate_bootstrap(
     # number of draws.
     error = 1.0 / np.sqrt(2.0 * draws)
     width = _TWICE * np.sqrt(1.0 / (2.0 * statistics.freedom) + error**2)
-    told = statistics.standard_deviations
-    low = _compute_share_of_single_blocks(identification, reduction, solution, told) / (1.0 + width)
+    computed = statistics.standard_deviations
+    low = _compute_share_of_single_blocks(identification, reduction, solution, computed) / (1.0 + width)
     parameters = tuple(
         DrawnParameter(name, unit, *map(float, values))
-        for name, unit, *values in zip(names, units, told, result.deviations, low, 1.0 + width, strict=True)
+        for name, unit, *values in zip(names, units, computed, result.deviations, low, 1.0 + width, strict=True)
     )
     judged = _judge_deviations(parameters, result, stretches)
     return BootstrapValidation(parameters, result.kind, stretches, draws, result.lost, judged)
 
 
 def _compute_share_of_single_blocks(
-    identification: Identification, reduction: Reduction, solution: Solution, told: FloatArray
+    identification: Identification, reduction: Reduction, solution: Solution, computed: FloatArray
 ) -> FloatArray:
-    """Return what is left (c,) of the computed deviations where no block depends on its neighbours, 1 at most."""
+    """Return what is left of the computed deviations (c,) where no block depends on its neighbours, 1 at most."""
     kind = identification.choices.covariance
     if kind == "independent":
-        return np.ones(len(told))
+        return np.ones(len(computed))
     single = estimate_cluster_covariance(reduction, solution, kind).covariance
     deviations = np.sqrt(np.maximum(np.diag(single), 0.0))
-    return np.minimum(np.divide(deviations, told, out=np.ones_like(told), where=told > 0), 1.0)
+    return np.minimum(np.divide(deviations, computed, out=np.ones_like(computed), where=computed > 0), 1.0)
 
 
 def _find_obstacle(identification: Identification, stretches: int) -> str:
