@@ -45,6 +45,7 @@ from dynident.excitation.design_result import expect_recording, follows_design
 from dynident.excitation.expected_torque import ExpectedTorque
 from dynident.identification import identify
 from dynident.motion.limits.bounds import slow_down_limits
+from dynident.presentation.design_tables import build_campaign_table
 from dynident.recordings import choose_preprocessing
 from dynident.recordings.row_storage import load_stored_samples
 from dynident.reports.figures.design import draw_campaign
@@ -203,8 +204,8 @@ def test_runs_without_a_promise_leave_the_time_for_those_that_have_to_follow(pla
 
 def test_options_of_a_motion_say_what_they_are_for_the_runs_of_a_campaign():
     words = " ".join(CliRunner().invoke(app, ["campaign", "--help"], env={"COLUMNS": "200"}).stdout.split())
-    assert "a run may take half of it or a quarter, in s" in words
-    assert f"by default {DESIGN_STARTS}, or as many as --time-budget allows" in words
+    assert "a run may take half or a quarter of it, in s" in words
+    assert f"by default {DESIGN_STARTS}, or as many as the time allows" in words
 
 
 def test_a_search_that_is_not_stated_makes_few_starts_and_ends_in_time():
@@ -241,11 +242,15 @@ def test_shorter_runs_keep_the_highest_frequency_and_the_usual_number_of_harmoni
     assert count(sampling_rate=6.0) == [(5.0, 1, 6), (10.0, 1, 12)]
 
 
-def test_the_figure_counts_short_campaigns_in_seconds():
+def test_figure_and_table_count_short_campaigns_in_seconds():
     _, state, _ = first_run()
     assert "robot time (s)" in draw_campaign(state)
     long = replace(state, runs=tuple(replace(run, seconds=200.0) for run in state.runs))
     assert "robot time (min)" in draw_campaign(long)
+    tables = [build_campaign_table(each.runs, each.request, ARM.joint_names) for each in (state, long)]
+    assert [table.columns[1] for table in tables] == ["robot time so far (s)", "robot time so far (min)"]
+    assert tables[0].rows[0][1].value == pytest.approx(state.seconds)
+    assert tables[1].rows[0][1].value == pytest.approx(200.0 / 60.0)
 
 
 def test_what_a_model_lacks_counts_all_runs_by_their_time():

@@ -43,6 +43,17 @@ GOALS = OneOf(
 )
 
 
+MOTION_WORDS = {
+    "duration": "Duration of one period of the longest run, without the moves from and to home; a run may take half or "
+    "a quarter of it",
+    "periods": "Number of periods of the longest run",
+    "time_budget": f"Time limit of each search for a motion; by default {DESIGN_SECONDS:g}, if no number of starts is "
+    "stated",
+    "starts": f"Number of starts of each search for a motion; by default {DESIGN_STARTS}, or as many as the time "
+    "allows",
+}
+"""What options of a design mean in a campaign, where that is something else than for a single design."""
+
 LOAD_QUANTITIES = {"mass": "Mp", "centre_x": "MXp", "centre_y": "MYp", "centre_z": "MZp"}
 """What can be known of a load, with the parameter of the effect `payload` that tells it."""
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.advice.campaign_request import DESIGN_SECONDS, DESIGN_STARTS, MEASURES, CampaignRequest
+from dynident.advice.campaign_request import MEASURES, MOTION_WORDS, CampaignRequest
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
 from dynident_cli.commands.design import SafetyFiles
@@ -42,16 +42,6 @@ _DECIDED = (
     *("kind", "effects", "criterion", "limits", "noise", "surroundings", "model"),
     *("sets", "speeds", "amplitudes", "joints"),
 )
-
-_WORDS = {
-    "duration": "Duration of one period of the longest run, without the moves from and to home; a run may take half of "
-    "it or a quarter",
-    "periods": "Number of periods of the longest run",
-    "time_budget": f"Time limit of each search for a motion; by default {DESIGN_SECONDS:g}, unless --starts is given",
-    "starts": f"Number of starts of each search for a motion; by default {DESIGN_STARTS}, or as many as --time-budget "
-    "allows",
-}
-"""Words of options that mean something else here than for a single design."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +75,7 @@ def campaign(
     robot: RobotArgument,
     effects: Effects,
     goal: Annotated[TypedValues, RequestOptions(CampaignRequest, but=("choices", "design"))],
-    motion: Annotated[TypedValues, RequestOptions(DesignRequest, but=_DECIDED, words=_WORDS)],
+    motion: Annotated[TypedValues, RequestOptions(DesignRequest, but=_DECIDED, words=MOTION_WORDS)],
     files: CampaignFiles,
     reading: RobotTimedReading,
 ) -> None:
