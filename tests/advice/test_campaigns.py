@@ -505,11 +505,14 @@ def test_decisions_say_what_is_in_the_way():
     # The shortest run takes 3 s, and its moves.
     left = replace(REQUEST, minutes=(2 * state.seconds + 3.0 + 0.9 * following.design.moves) / 60)
     assert decided(parameters=0.03, lacking=0.0, request=left).code == "out_of_time"
-    hopeless = decided(parameters=0.03, lacking=0.0, request=replace(REQUEST, error=1e-6, minutes=0.7))
+    never = replace(REQUEST, error=1e-6, minutes=0.7)
+    hopeless = decided(parameters=0.03, lacking=0.0, runs=3, request=never)
     assert (hopeless.code, "Give more minutes or runs" in hopeless.sentence) == ("not_reachable", True)
+    # One motion at full speed may be a poor one, whose repetition says little of those to come.
+    assert decided(parameters=0.03, lacking=0.0, request=never).code == "next_run"
     # Time for thousands of runs is worth nothing where the number of runs is limited.
-    long, few = (replace(REQUEST, error=0.002, minutes=1000.0, runs=runs) for runs in (10_000, 3))
-    codes = [decided(parameters=0.03, lacking=0.0, request=request).code for request in (long, few)]
+    long, few = (replace(REQUEST, error=0.002, minutes=1000.0, runs=runs) for runs in (10_000, 4))
+    codes = [decided(parameters=0.03, lacking=0.0, runs=3, request=request).code for request in (long, few)]
     assert codes == ["next_run", "not_reachable"]
     broken = decided(parameters=0.5, lacking=0.0, promised=0.01)
     assert "less than promised" in broken.sentence

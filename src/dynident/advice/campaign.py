@@ -450,9 +450,9 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
         return Decision("out_of_time", f"{spent}. {stand}. Give more{larger}.{remarks}")
-    # The first motion, with a load the first one with it, is slow: its repetition says little of those to come.
+    # The first motion (with a load, too) is slow, and one search may end poorly: the second at full speed says more.
     n_before = state.request.unloaded_runs if state.request.goal == "payload" else 0
-    if planned is not None and measure is not None and len(state.runs) >= n_before + FEWEST_RUNS:
+    if planned is not None and measure is not None and len(state.runs) > n_before + FEWEST_RUNS:
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))
