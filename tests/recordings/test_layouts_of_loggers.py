@@ -512,3 +512,25 @@ def test_printouts_that_are_no_records_are_refused(tmp_path, text, words):
     path.write_text(text)
     with pytest.raises(RecordingError, match=words):
         read_sample(path)
+
+
+@pytest.mark.parametrize("sign", [" ", ",", "\t"])
+def test_signals_on_lines_of_their_own_in_turn_are_rows(tmp_path: Path, sign: str) -> None:
+    path = tmp_path / "run.dat"
+    values = np.round(np.random.default_rng(1).normal(size=(50, 3, 6)), 6)
+    signals = ("Position", "Velocity", "Torque")
+    rows = (
+        [sign.join([signal, *map(str, numbers)]) for signal, numbers in zip(signals, row, strict=True)]
+        for row in values
+    )
+    path.write_text("\n".join(line for row in rows for line in row) + "\n")
+    sample = read_sample(path)
+    assert sample.names == tuple(f"{signal}{j + 1}" for signal in signals for j in range(6))
+    np.testing.assert_array_equal(sample.values, values.reshape(50, 18))
+
+
+def test_words_before_rows_that_come_in_no_order_are_states(tmp_path: Path) -> None:
+    path = tmp_path / "run.dat"
+    states = ["idle" if k < 20 else "moving" for k in range(60)]
+    path.write_text("".join(f"{state},{0.01 * k:.2f},{k * 0.1:.1f},{k}\n" for k, state in enumerate(states)))
+    assert len(read_sample(path).values) == 60
