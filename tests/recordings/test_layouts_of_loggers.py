@@ -534,3 +534,20 @@ def test_words_before_rows_that_come_in_no_order_are_states(tmp_path: Path) -> N
     states = ["idle" if k < 20 else "moving" for k in range(60)]
     path.write_text("".join(f"{state},{0.01 * k:.2f},{k * 0.1:.1f},{k}\n" for k, state in enumerate(states)))
     assert len(read_sample(path).values) == 60
+
+
+def test_lists_below_names_that_a_separator_ends_are_columns(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    rows = "".join(f'{0.01 * k:.2f},"({k}, {2 * k}, 0.5)",{-k}\n' for k in range(40))
+    path.write_text("# a remark\ntime [s],position,torque,\n" + rows)
+    sample = read_sample(path)
+    assert sample.names == ("time [s]", "position1", "position2", "position3", "torque")
+    np.testing.assert_array_equal(sample.values[7, 1:], [7.0, 14.0, 0.5, -7.0])
+
+
+def test_rows_of_several_kinds_below_one_line_of_names_say_so(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    pages = "".join(f"{k},1,2,3\n" for k in range(10)) + "".join(f"{k},1\n" for k in range(30))
+    path.write_text("time,q1,q2,q3\n" + pages)
+    with pytest.raises(RecordingError, match="have 2 cells, but there are 4 columns: the file has rows of several"):
+        read_sample(path)
