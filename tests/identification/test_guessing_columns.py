@@ -629,3 +629,8 @@ def test_counted_columns_of_most_joints_are_said_to_be_fewer_than_the_joints() -
     temperatures = {"time": given.t} | {f"temperature_{j}": given.q[:, j] for j in range(6)}
     details = {question.field: question.detail for question in guess(arm("franka_panda"), temperatures).questions}
     assert "temperature_0" not in details["columns/q"]
+
+
+@pytest.mark.parametrize("name", ["a1 q-axis [A]", "q1 (mA)"])
+def test_what_is_in_amperes_is_no_position(name: str) -> None:
+    assert read_name(name).signal == "current"
