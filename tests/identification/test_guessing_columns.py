@@ -634,3 +634,11 @@ def test_counted_columns_of_most_joints_are_said_to_be_fewer_than_the_joints() -
 @pytest.mark.parametrize("name", ["a1 q-axis [A]", "q1 (mA)"])
 def test_what_is_in_amperes_is_no_position(name: str) -> None:
     assert read_name(name).signal == "current"
+
+
+def test_the_current_of_the_whole_robot_is_not_that_of_one_joint() -> None:
+    given = log("ur10", 5)
+    columns = {"timestamp": given.t} | {f"actual_q_{j}": given.q[:, j] for j in JOINTS}
+    columns["actual_robot_current"] = 1.0 + np.abs(given.tau).sum(axis=1) / 100.0
+    (question,) = guess(ROBOT, columns).questions
+    assert "is of one joint" not in question.detail

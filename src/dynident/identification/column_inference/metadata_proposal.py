@@ -255,7 +255,8 @@ def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collecti
     str
         A sentence with a space before it; "" where there is none, or several.
     """
-    measured = [column.name for column in named if column.signal in signals and column.rank < COMMANDED_RANK]
+    own = (column for column in named if column.signal in signals and not _OF_NO_JOINT & set(column.words))
+    measured = [column.name for column in own if column.rank < COMMANDED_RANK]
     if n == 1 or len(measured) != 1:
         return ""
     return (
@@ -263,6 +264,9 @@ def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collecti
         "joint it is."
     )
 
+
+_OF_NO_JOINT = frozenset({"robot", "tool", "total", "main", "supply"})
+"""Words of the current of the whole robot, as UR's actual_robot_current, and of what it carries."""
 
 COMMANDED_RANK = 4
 """Rank of a column from which on its name says that it is a command."""
