@@ -308,7 +308,7 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
 
 def describe_still_joints(names: Sequence[str], q: FloatArray) -> list[Guess]:
     """Say which joints stand still in all rows of q (m, n): a fit of this recording alone needs them locked."""
-    still = {names[k]: float(q[:, k].mean()) for k in np.flatnonzero(np.ptp(q, axis=0) <= STANDS)}
+    still = {names[k]: float(q[:, k].mean()) for k in np.flatnonzero(np.ptp(q, axis=0) <= STANDS).tolist()}
     if not 0 < len(still) < len(names):
         return []
     lock = Remedy("locked_joints", {name: float(f"{place:.4g}") for name, place in still.items()})

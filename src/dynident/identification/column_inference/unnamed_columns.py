@@ -174,16 +174,18 @@ def _split_blocks(
         for block in rest
         if block not in copies and (len(rest) == 1 or not _are_alike(part[:, block], part[:, second]))
     ]
-    q, dq, *others = (tuple(columns[index] for index in block) for block in (first, second, *rest))
-    further = [(block, unexplained(q, block)) for block in others if len(others) > 1]
-    efforts = [block for block, share in further if share < _EXPLAINED] or others
+    q, dq, *left = (tuple(columns[index] for index in block) for block in (first, second, *rest))
+    shares = [(block, unexplained(q, block)) for block in left if len(left) > 1]
+    efforts = [block for block, share in shares if share < _EXPLAINED] or left
     positions = sorted([q, *(tuple(columns[index] for index in block) for block in copies)])
+    further: list[tuple[Signal, tuple[int, ...]]] = [("q", block) for block in positions[1:]]
+    further += [("effort", block) for block in efforts[1:]]
     return UnnamedColumns(
         positions[0],
         dq,
         efforts[0] if efforts else (),
         "for the joints that move, one block of columns is the derivative of another",
-        (*(("q", block) for block in positions[1:]), *(("effort", block) for block in efforts[1:])),
+        tuple(further),
     )
 
 
