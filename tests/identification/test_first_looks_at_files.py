@@ -83,7 +83,7 @@ def test_names_that_are_fewer_than_the_columns_are_not_thrown_away(tmp_path: Pat
         path = tmp_path / "names.txt"
         lines = [delimiter.join(f"{x:.6f}" for x in row) for row in rows]
         path.write_text("\n".join([delimiter.join(["t", "q1", "q2", "tau1", "tau2"]), *lines, ""]))
-        with pytest.raises(RecordingError, match="Expected 5 columns, got 8"):
+        with pytest.raises(RecordingError, match="have 8 cells, but there are 5 columns"):
             list(open_source(path, None).blocks())
 
 
