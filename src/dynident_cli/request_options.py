@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -107,6 +108,7 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
 
 _OPTIONS_TO_FILL = {
     "drives": "--drive-gains",
+    "cure": "--cure",
     "rate": "--rate HZ",
     "contacts": "--contacts",
     "meshes": "--meshes FOLDER",
@@ -138,7 +140,7 @@ def write_option(remedy: Remedy) -> str:
 def _write_value(value: object) -> str:
     if isinstance(value, tuple):
         return ":".join(map(_write_value, value))
-    return "…" if value is ... else write_number(value) if isinstance(value, float) else str(value)
+    return "…" if value is ... else write_number(value) if isinstance(value, float) else shlex.quote(str(value))
 
 
 def list_option_words(group: object) -> list[str]:

@@ -14,6 +14,7 @@ from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, recor
 
 from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
 from dynident.identification.recording_faults import unexplained_torque as judging
+from dynident.identification.recording_faults.column_faults import CubicSpline
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
 from dynident.identification.recording_faults.fault_search import search_faults
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
@@ -479,6 +480,14 @@ def test_a_delay_that_helps_only_where_nothing_was_fitted_or_without_constant_to
     assert found is not None
     assert found.seconds == pytest.approx(0.03, abs=0.003)
     assert found.is_fault is is_fault
+
+
+@pytest.mark.parametrize("m", [4, 5, 9, 60])
+@pytest.mark.parametrize("later", [-1.3, 0.0, 0.4, 2.0, 100.0])
+def test_torques_between_the_rows_are_those_of_the_cubic_spline(m: int, later: float) -> None:
+    values, rows = np.random.default_rng(m).normal(size=(m, 3)), np.arange(m, dtype=np.float64)
+    expected = make_interp_spline(rows, values, k=3)(np.clip(rows + later, 0.0, m - 1.0))
+    assert CubicSpline(values).read_later(later) == pytest.approx(expected, abs=1e-12)
 
 
 def steps(seed: int, seconds: float = 8.0, rate: float = 200.0) -> Motion:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import maximum_filter1d
 
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
-from dynident.recordings.filter_overshoots import find_filtered_phases
+from dynident.recordings.filter_overshoots import find_filtered_phases, find_largest_near
 from dynident.recordings.joint_phases import STANDS, Phase, compute_smear_width, find_phases
 
 QUANTUM = 2 * np.pi / 2**18
@@ -156,3 +157,10 @@ def test_what_hardly_creeps_in_one_run_stands_there_and_is_no_slow_joint():
     moving, creeping = (find_phases(made).phases_at(k, made.segments[k].start_time + inside, 0.0)[:, 0] for k in (0, 1))
     assert (moving == Phase.STANDING).mean() < 0.1
     assert (creeping == Phase.STANDING).all()
+
+
+@pytest.mark.parametrize(("m", "reach"), [(2, 3), (50, 0), (50, 1), (100, 7), (100, 64)])
+def test_the_largest_speed_near_each_row_is_that_of_all_rows_within_reach(m: int, reach: int) -> None:
+    speed = np.random.default_rng(m + reach).normal(size=(m, 2))
+    expected = maximum_filter1d(speed, 2 * reach + 1, axis=0, mode="nearest")
+    np.testing.assert_array_equal(find_largest_near(speed, reach), expected)

@@ -76,15 +76,33 @@ def _mark_overshoots(speed: FloatArray, reach: int) -> BoolArray:
     Speeds up to `reach` rows away are then of one sign but for that. Noise, coarse encoders and ripples make speeds of
     both signs.
     """
-    # Imported here, as it takes long and few need it.
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     marks = np.zeros(speed.shape, dtype=bool)
     if len(speed) < 2:
         return marks
-    low = -minimum_filter1d(speed, 2 * reach + 1, axis=0, mode="nearest")
-    high = maximum_filter1d(speed, 2 * reach + 1, axis=0, mode="nearest")
+    low, high = find_largest_near(-speed, reach), find_largest_near(speed, reach)
     is_one_sided = np.minimum(low, high) <= _GIBBS * np.maximum(low, high)
     is_fast = np.maximum(low, high) > FASTER * SLOW
     marks[:-1] = (speed[1:] * speed[:-1] < 0.0) & (is_one_sided & is_fast)[:-1]
     return marks
+
+
+def find_largest_near(values: FloatArray, reach: int) -> FloatArray:
+    """Return the largest value up to some rows away from each; SciPy's filter would take longer to import.
+
+    Parameters
+    ----------
+    values : (m, n)
+        The values.
+    reach : int
+        Rows on either side.
+
+    Returns
+    -------
+    (m, n)
+    """
+    largest, span = np.pad(values, ((reach, reach), (0, 0)), mode="edge"), 1
+    while 2 * span <= 2 * reach + 1:
+        largest, span = np.maximum(largest[:-span], largest[span:]), 2 * span
+    # Two spans, which may overlap, cover the rows on either side.
+    rest = 2 * reach + 1 - span
+    return np.maximum(largest[: len(values)], largest[rest : rest + len(values)])

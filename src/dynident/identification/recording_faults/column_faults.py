@@ -445,6 +445,38 @@ def is_possible_delay(seconds: float) -> bool:
     return EARLIEST <= seconds <= LATEST
 
 
+class CubicSpline:
+    """The cubic spline through samples (m, n) at rows 0, 1, 2, …, with one cubic through the first and last three.
+
+    SciPy's takes longer to import than this check takes.
+
+    Parameters
+    ----------
+    values : (m, n)
+        The samples, four at least.
+    """
+
+    def __init__(self, values: FloatArray) -> None:
+        m, self._values, self._steps = len(values), values, np.diff(values, axis=0)
+        # The slopes s at the rows: s[k - 1] + 4 s[k] + s[k + 1] = 3 (x[k + 1] - x[k - 1]); and, as the first and the
+        # last two cubics are one each, s[0] + 2 s[1] = (5 (x[1] - x[0]) + x[2] - x[1]) / 2.
+        bands = np.ones((3, m))
+        bands[0, 1], bands[1, 1:-1], bands[2, -2] = 2.0, 4.0, 2.0
+        first, last = self._steps[:2], self._steps[:-3:-1]
+        ends = ((5.0 * pair[0] + pair[1]) / 2.0 for pair in (first, last))
+        right = np.vstack([next(ends), 3.0 * (self._steps[1:] + self._steps[:-1]), next(ends)])
+        self._slopes: FloatArray = scipy.linalg.solve_banded((1, 1), bands, right)
+
+    def read_later(self, rows: float) -> FloatArray:
+        """Return the values (m, n) so many rows later, a number that need not be whole; beyond the ends those there."""
+        last = len(self._values) - 1
+        places = np.clip(np.arange(last + 1) + rows, 0.0, last)
+        k = np.minimum(places.astype(np.int64), last - 1)
+        u, step, slope, after = (places - k)[:, None], self._steps[k], self._slopes[k], self._slopes[k + 1]
+        bent = 3.0 * step - 2.0 * slope - after + u * (slope + after - 2.0 * step)
+        return np.asarray(self._values[k] + u * (slope + u * bent))
+
+
 def find_lowest(delays: FloatArray, unexplained: FloatArray) -> float:
     """Return the delay with the smallest unexplained share, by a parabola through the best that was tried."""
     best = int(np.argmin(unexplained))

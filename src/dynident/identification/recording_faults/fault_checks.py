@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import (
     SCALED,
     ColumnFault,
+    CubicSpline,
     FaultKind,
     Motion,
     build_revision,
@@ -344,8 +344,7 @@ def _find_unlike_halves(
     robot: Robot, motion: Motion, period: float, judges: HeldOutFits, seconds: float
 ) -> tuple[float, float] | None:
     """Return the delays of both halves of a motion where these show that it is another one; None otherwise."""
-    times, m, rests = np.arange(len(motion.q)), len(motion.q) // 2, []
-    undone = scipy.interpolate.make_interp_spline(times, motion.tau)(np.clip(times + seconds / period, 0, times[-1]))
+    undone, m, rests = CubicSpline(motion.tau).read_later(seconds / period), len(motion.q) // 2, []
     for rows in (slice(0, m), slice(m, 2 * m)):
         q, dq, ddq, tau = (signal[rows] for signal in (motion.q, motion.dq, motion.ddq, undone))
         rest = find_delay(robot, Motion(q, dq, ddq, tau, np.arange(m) * BLOCKS // m, motion.t[rows]), period, judges)

@@ -8,12 +8,12 @@ from functools import cache, cached_property
 from math import floor
 
 import numpy as np
-import scipy
 
 from dynident.array_types import FloatArray, IntArray
 from dynident.effects import ANGLE_FRICTION, OFFSETS
 from dynident.errors import DynidentError, Remedy
 from dynident.identification.recording_faults.column_faults import (
+    CubicSpline,
     Delay,
     Motion,
     UnexplainedShares,
@@ -94,12 +94,10 @@ def estimate_delay(
     """
     if len(motion.q) < _FEW:
         return None
-    rows = np.arange(len(motion.q), dtype=np.float64)
-    # A delay is no whole number of rows, so the torque is interpolated between them.
-    torque = scipy.interpolate.make_interp_spline(rows, motion.tau, k=3)
+    torque = CubicSpline(motion.tau)
 
     def shift_torque(seconds: float) -> Motion:
-        return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
+        return replace(motion, tau=torque.read_later(seconds / period))
 
     tried = {float(seconds): left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES}
     for longer in _LONGER:
