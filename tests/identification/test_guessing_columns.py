@@ -563,3 +563,82 @@ def test_the_only_position_and_torque_of_a_robot_with_several_joints_say_so() ->
     details = {question.field: question.detail for question in found.questions}
     assert "q_act is of one joint, but the robot has 6" in details["columns/q"]
     assert "torque is of one joint, but the robot has 6" in details["columns/tau"]
+
+
+def make_nameless(t: np.ndarray, *blocks: np.ndarray) -> Sample:
+    values = np.column_stack([t, *blocks])
+    return Sample(tuple(f"column{k + 1}" for k in range(values.shape[1])), values, {})
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_of_several_blocks_without_names_that_may_be_torques_one_is_asked_for(seed: int) -> None:
+    given = log("ur10", seed)
+    dq = np.gradient(given.q, given.t, axis=0)
+    smooth = lfilter([0.1], [1.0, -0.9], given.tau, axis=0)
+    pose = np.cumsum(np.random.default_rng(seed).normal(0.0, 1e-3, given.q.shape), axis=0)
+    found = propose(make_nameless(given.t, given.q, dq, 0.1 * given.tau, pose, smooth), ROBOT)
+    assert [found.columns[name] for name in ("q1", "dq1")] == ["column2", "column8"]
+    (question,) = [one for one in found.questions if one.field == "columns/tau"]
+    assert question.choices == ("column14 … column19", "column26 … column31")
+
+
+def test_positions_without_names_beside_those_that_were_commanded_are_asked_about() -> None:
+    given = log("ur10", 3)
+    late = lfilter([0.2], [1.0, -0.8], given.q - given.q[0], axis=0) + given.q[0]
+    rates = (np.gradient(values, given.t, axis=0) for values in (given.q, late))
+    commanded, measured = rates
+    found = propose(make_nameless(given.t, given.q, commanded, late, measured, given.tau), ROBOT)
+    choices = {question.field: question.choices for question in found.questions}
+    assert choices["columns/q"] == ("column2 … column7", "column14 … column19")
+    assert found.columns["tau1"] == "column26"
+
+
+@pytest.mark.parametrize("own", [1, 2])
+def test_of_several_drives_the_one_that_moves_is_read_and_another_one_with_its_own_current(own: int) -> None:
+    robot = draw_pendulum(2.0, 0.3)
+    q, dq, ddq = (values[:, 0] for values in swing(100.0, 1.0, own))
+    current = 0.2 * ddq + 1.5 * np.sin(q) + 0.1 * np.sign(dq)
+    stands = np.random.default_rng(own).normal(0.0, 1e-7, (len(q), 2))
+    columns = {"time": np.arange(len(q)) / 100.0}
+    for drive in range(3):
+        columns[f"ODrive {drive} Position"] = q if drive == own else 5.0 + stands[:, 0]
+    for drive in range(3):
+        columns[f"ODrive {drive} Current"] = current if drive == own else 0.3 + stands[:, 1]
+    names, values = tuple(columns), np.column_stack(list(columns.values()))
+    found = propose(Sample(names, values, {}), robot)
+    assert (found.columns["q1"], found.columns["current1"]) == (f"ODrive {own} Position", f"ODrive {own} Current")
+    stated = propose(Sample(names, values, {}, stated={"ODrive 0 Position": "q_pivot"}), robot)
+    assert stated.columns["q1"] == "ODrive 0 Position"
+    assert stated.columns.get("current1", "ODrive 0 Current") == "ODrive 0 Current"
+
+
+def test_efforts_that_never_change_are_said_to() -> None:
+    given = log("ur10", 4)
+    columns = {"time": given.t} | {f"q{j + 1}": given.q[:, j] for j in JOINTS}
+    columns |= {f"effort{j + 1}": np.full(len(given.t), 2.5 + j) for j in JOINTS}
+    (question,) = guess(ROBOT, columns).questions
+    assert question.detail.startswith("effort1 … effort6 have one value each in all rows")
+
+
+def test_counted_columns_of_most_joints_are_said_to_be_fewer_than_the_joints() -> None:
+    given = log("franka_panda", 1)
+    columns = {"time": given.t} | {f"joint_{j}": given.q[:, j] for j in range(6)}
+    columns |= {f"column{k}": np.full(len(given.t), k) for k in (25, 26)}
+    details = {question.field: question.detail for question in guess(arm("franka_panda"), columns).questions}
+    assert "joint_0 … joint_5 are 6 columns, but the robot has 7 joints: lock" in details["columns/q"]
+    temperatures = {"time": given.t} | {f"temperature_{j}": given.q[:, j] for j in range(6)}
+    details = {question.field: question.detail for question in guess(arm("franka_panda"), temperatures).questions}
+    assert "temperature_0" not in details["columns/q"]
+
+
+@pytest.mark.parametrize("name", ["a1 q-axis [A]", "q1 (mA)"])
+def test_what_is_in_amperes_is_no_position(name: str) -> None:
+    assert read_name(name).signal == "current"
+
+
+def test_the_current_of_the_whole_robot_is_not_that_of_one_joint() -> None:
+    given = log("ur10", 5)
+    columns = {"timestamp": given.t} | {f"actual_q_{j}": given.q[:, j] for j in JOINTS}
+    columns["actual_robot_current"] = 1.0 + np.abs(given.tau).sum(axis=1) / 100.0
+    (question,) = guess(ROBOT, columns).questions
+    assert "is of one joint" not in question.detail

@@ -183,3 +183,25 @@ def test_samples_of_a_motion_are_no_poses(name, rate):
 def test_a_grid_of_poses_is_one_of_poses():
     first, second = np.meshgrid(np.linspace(-1.5, 1.5, 6), np.linspace(-1.0, 1.0, 8), indexing="ij")
     assert are_poses(np.column_stack([first.ravel(), second.ravel()]))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_grid_of_poses_whose_rows_are_counted_is_one_of_poses(seed: int) -> None:
+    robot, rng = arm("ur10"), np.random.default_rng(seed)
+    places = [np.linspace(-1.2, 1.0, 9), np.linspace(-0.8, 0.9, 12)]
+    q = rng.normal(0.0, 1e-5, (108, robot.n))
+    q[:, 1:3] += np.array([(a, b) for a in places[0] for b in places[1]])
+    tau = pinocchio_torque(robot, q, np.zeros_like(q), np.zeros_like(q)) + rng.normal(0.0, 0.05, q.shape)
+    assert are_poses(q)
+    names = ("number", *(f"theta_{j + 1}" for j in range(6)), *(f"tau_{j + 1}" for j in range(6)))
+    found = propose(Sample(names, np.column_stack([np.arange(108.0), q, tau]), {}), robot)
+    assert (found.columns["t"], found.columns["tau6"], found.questions) == ("number", "tau_6", ())
+
+
+@pytest.mark.parametrize("rows", [40, 300])
+def test_a_motion_from_place_to_place_and_a_periodic_one_are_no_grid(rows: int) -> None:
+    t = np.arange(rows) / 10.0
+    noise = np.random.default_rng(rows).normal(0.0, 1e-4, rows)
+    assert not are_poses((np.sin(2.0 * np.pi * 0.7 * t) + noise)[:, None])
+    steps = np.repeat(np.random.default_rng(3).permutation(rows // 10), 10)[:, None] / rows
+    assert not are_poses(8.0 * steps + noise[:, None])

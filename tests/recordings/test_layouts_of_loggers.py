@@ -436,7 +436,7 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path):
     assert f"1 row, {len(run.t)}, has" in check.detail
     text = (tmp_path / "cut.csv").read_text().splitlines()
     (tmp_path / "most.csv").write_text("\n".join([text[0], *(f"{row},1" for row in text[1:-1]), ""]))
-    with pytest.raises(RecordingError, match="Expected 13 columns, got 14"):
+    with pytest.raises(RecordingError, match="have 14 cells, but there are 13 columns"):
         read_sample(tmp_path / "most.csv")
 
 
@@ -511,4 +511,43 @@ def test_printouts_that_are_no_records_are_refused(tmp_path, text, words):
     path = tmp_path / "printed"
     path.write_text(text)
     with pytest.raises(RecordingError, match=words):
+        read_sample(path)
+
+
+@pytest.mark.parametrize("sign", [" ", ",", "\t"])
+def test_signals_on_lines_of_their_own_in_turn_are_rows(tmp_path: Path, sign: str) -> None:
+    path = tmp_path / "run.dat"
+    values = np.round(np.random.default_rng(1).normal(size=(50, 3, 6)), 6)
+    signals = ("Position", "Velocity", "Torque")
+    rows = (
+        [sign.join([signal, *map(str, numbers)]) for signal, numbers in zip(signals, row, strict=True)]
+        for row in values
+    )
+    path.write_text("\n".join(line for row in rows for line in row) + "\n")
+    sample = read_sample(path)
+    assert sample.names == tuple(f"{signal}{j + 1}" for signal in signals for j in range(6))
+    np.testing.assert_array_equal(sample.values, values.reshape(50, 18))
+
+
+def test_words_before_rows_that_come_in_no_order_are_states(tmp_path: Path) -> None:
+    path = tmp_path / "run.dat"
+    states = ["idle" if k < 20 else "moving" for k in range(60)]
+    path.write_text("".join(f"{state},{0.01 * k:.2f},{k * 0.1:.1f},{k}\n" for k, state in enumerate(states)))
+    assert len(read_sample(path).values) == 60
+
+
+def test_lists_below_names_that_a_separator_ends_are_columns(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    rows = "".join(f'{0.01 * k:.2f},"({k}, {2 * k}, 0.5)",{-k}\n' for k in range(40))
+    path.write_text("# a remark\ntime [s],position,torque,\n" + rows)
+    sample = read_sample(path)
+    assert sample.names == ("time [s]", "position1", "position2", "position3", "torque")
+    np.testing.assert_array_equal(sample.values[7, 1:], [7.0, 14.0, 0.5, -7.0])
+
+
+def test_rows_of_several_kinds_below_one_line_of_names_say_so(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    pages = "".join(f"{k},1,2,3\n" for k in range(10)) + "".join(f"{k},1\n" for k in range(30))
+    path.write_text("time,q1,q2,q3\n" + pages)
+    with pytest.raises(RecordingError, match="have 2 cells, but there are 4 columns: the file has rows of several"):
         read_sample(path)

@@ -451,11 +451,13 @@ def _is_number(text: str) -> bool:
 def _name_list_columns(header: _Header, original: Sequence[str], delimiter: str) -> tuple[str, ...]:
     """Return the names, with one for every item if the rows have lists below single names."""
     lengths = count_list_items("\n".join(original[header.lines : header.lines + 1]), delimiter)
-    if len(lengths) != len(header.names) or sum(lengths) == len(lengths):
+    # A separator may end the line of names.
+    names = header.names if any(header.names[len(lengths) :]) else header.names[: len(lengths)]
+    if len(lengths) != len(names) or sum(lengths) == len(lengths):
         return header.names
     return tuple(
         name
-        for column, length in zip(header.names, lengths, strict=True)
+        for column, length in zip(names, lengths, strict=True)
         for name in (make_counted_names(column, length) if length > 1 else (column,))
     )
 

@@ -55,7 +55,23 @@ def are_poses(q: FloatArray) -> bool:
         return False
     # A motion is smooth: its second differences are small against its spread; those of unrelated poses are not.
     second = np.sqrt((np.diff(q[:, moves], n=2, axis=0) ** 2).mean(axis=0))
-    return bool((second > _ROUGH * q[:, moves].std(axis=0)).mean() >= _SHARE)
+    return bool((second > _ROUGH * q[:, moves].std(axis=0)).mean() >= _SHARE) or _are_on_grid(q[:, moves])
+
+
+def _are_on_grid(q: FloatArray) -> bool:
+    """Return whether positions of joints that move are a grid, which one of the joints runs through again and again."""
+    span = np.ptp(q, axis=0)
+    gaps, steps = np.diff(np.sort(q, axis=0), axis=0) / span, np.abs(np.diff(q, axis=0)) / span
+    between = ((gaps > _SAME_PLACE) & (gaps < _NEXT_PLACE)).sum(axis=0)
+    # From place to place in nearly every row, and from the last one back to the first: a motion does not jump.
+    middle = np.median(steps, axis=0)
+    runs = (middle > _NEXT_PLACE) & (steps.max(axis=0) > _BACK * middle)
+    return not between.any() and bool(runs.any())
+
+
+_SAME_PLACE, _NEXT_PLACE, _BACK = 1e-3, 1e-2, 3.0
+"""Shares of a joint's span below which two positions are one place of a grid, and above which they are two; and the
+way back to the first place, at least, over the way from one place to the next."""
 
 
 def _drop_outliers(q: FloatArray) -> FloatArray:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from dynident.array_types import BoolArray, FloatArray
 from dynident.identification.column_inference.column_names import (
     PENDANTS,
@@ -17,9 +15,8 @@ from dynident.identification.column_inference.column_names import (
     list_spellings_by_joint,
     strip_shared_words,
 )
-from dynident.identification.column_inference.metadata_proposal import Question, ask_to_lock
+from dynident.identification.column_inference.metadata_proposal import Question, ask_to_lock, ask_to_lock_still_joints
 from dynident.number_format import format_percent
-from dynident.recordings.position_checks import MOVED
 from dynident.recordings.units import get_signal_of_unit
 from dynident.robot import Robot
 
@@ -28,8 +25,6 @@ _Stems = dict[tuple[str, ...], dict[int, int]]
 _Reasons = dict[tuple[str, ...], str]
 _POSITIONS: tuple[Signal, ...] = ("q",)
 _EFFORTS: tuple[Signal, ...] = ("tau", "current", "effort")
-_AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
-"""rad or m: a locked joint's position below the first is 0; one above the second is no angle in radians."""
 
 
 def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
@@ -95,15 +90,6 @@ def _find_forces_of_sliding_joints(
     return {joint: index for joint, index in forces.items() if robot.joints[joint].kind == "prismatic"}
 
 
-def ask_to_lock_still_joints(robot: Robot, positions: FloatArray, joints: Sequence[int]) -> Question | None:
-    """Ask to lock those of some joints without torque that stand still: a gripper, or a fixed axis; None of others."""
-    still = [joint for joint in joints if np.ptp(positions[:, joint]) <= MOVED[robot.joints[joint].kind]]
-    middles = {robot.joint_names[joint]: float(np.median(positions[:, joint])) for joint in still}
-    places = {name: float(f"{at:.4g}") if _AT_ZERO < abs(at) < _MOST else 0.0 for name, at in middles.items()}
-    verbs = "stand still and have" if len(places) > 1 else "stands still and has"
-    return ask_to_lock(f"{', '.join(places)} {verbs} no torque", places) if places else None
-
-
 def _find_columns_of_most_joints(
     named: Sequence[ColumnName], robot: Robot, signals: Collection[Signal]
 ) -> tuple[ColumnName, dict[int, int]] | None:
@@ -111,6 +97,18 @@ def _find_columns_of_most_joints(
     groups = [group for group in find_incomplete_groups(named, robot.joint_names) if group[0].signal in signals]
     measured = [group for group in groups if group[0].rank < 4]
     return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
+
+
+_IN_USE = 0.01
+"""Spread of an axis that moves, at least, as a share of the largest."""
+
+
+def select_axes_in_use(groups: Sequence[ColumnGroup], values: FloatArray) -> list[ColumnGroup]:
+    """Return the groups that move, where a number alone tells their names apart: of several drives one is in use."""
+    stems = {tuple(word for word in group.named.words if not word.isdigit()) for group in groups}
+    spread = [float(values[:, list(group.columns)].std(axis=0).max()) for group in groups]
+    in_use = [group for group, size in zip(groups, spread, strict=True) if size > _IN_USE * max(spread)]
+    return in_use if len(stems) == 1 and in_use else list(groups)
 
 
 _LETTERS = "xyz"
@@ -347,7 +345,7 @@ def find_incomplete_groups(
         if _count_other_joints(named) < len(members):
             by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
     # Of numbers only most say that joints are meant, or that efforts have them, too; names say it for as few as two.
-    groups = [(stem, named[next(iter(members.values()))], members) for stem, members in by_stem.items()]
+    groups = [(stem, named[next(iter(each.values()))], each) for stem, each in by_stem.items() if each]
     places = [{frozenset(g[2]) for g in groups if g[1].signal in kinds} for kinds in (_POSITIONS, _EFFORTS)]
     return [
         (first, members)

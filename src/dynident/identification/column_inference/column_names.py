@@ -308,6 +308,9 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     plain = [word for word in (*words[:place], *words[place + length :]) if not word.isdigit()]
     is_letter = bool(plain) and length == 1 == len(words[place])
     signal = _classify_signal(plain) or (None if is_letter else _classify_signal(everything))
+    # The letter q also stands for an axis of a motor's field: what is in A is a current.
+    if signal == "q" and stated in ("A", "mA"):
+        signal = "current"
     # A joint may be called so, too; the end effector's place is counted, or along axes.
     if _END_EFFECTOR & set(words) and any(word.isdigit() or word in _AXES for word in words):
         signal = "other"

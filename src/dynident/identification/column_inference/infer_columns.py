@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,10 +14,10 @@ from dynident.identification.column_inference import unit_inference as of_units
 from dynident.identification.column_inference.column_groups import (
     ColumnGroup,
     ask_for_missing_joints,
-    ask_to_lock_still_joints,
     find_torque_of_most_joints,
     group_columns,
     group_few_joints,
+    select_axes_in_use,
 )
 from dynident.identification.column_inference.column_statistics import (
     Clock,
@@ -31,13 +32,18 @@ from dynident.identification.column_inference.column_statistics import (
     restore_masked,
 )
 from dynident.identification.column_inference.metadata_proposal import (
+    COMMANDED_RANK,
     NO_MASSES,
     Guess,
     Proposal,
     Question,
+    ask_for_unit_of_time,
+    ask_to_lock_still_joints,
     describe_further_joints,
     describe_gear_ratios,
     describe_single_joint,
+    describe_still_joints,
+    describe_unknown_signals,
     describe_waves,
     find_columns_of_other_joints,
     name_further_efforts,
@@ -66,7 +72,6 @@ from dynident.identification.column_inference.torque_or_current import (
     fit_torque_unit,
 )
 from dynident.identification.column_inference.unnamed_columns import (
-    describe_unknown_groups,
     find_forces,
     find_plainest_group,
     group_other_names,
@@ -74,7 +79,6 @@ from dynident.identification.column_inference.unnamed_columns import (
     hold_same_values,
 )
 from dynident.recordings.columns_to_signals import NOT_RECORDED
-from dynident.recordings.joint_phases import STANDS
 from dynident.recordings.recording_metadata import EffortKind
 from dynident.recordings.signal_spectra import SLOPE, correlate_slopes, fill_gaps
 from dynident.recordings.units import MOMENTS, find_common_ratio, find_conversion
@@ -84,8 +88,8 @@ from dynident.robot.pseudo_inertia import find_description_units
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""
-_NOTHING = 1e-30
-"""Efforts that are smaller in any unit are no efforts."""
+_NOTHING, _EFFORTS = 1e-30, ("tau", "current", "effort")
+"""Efforts that are smaller in any unit are no efforts; what columns of them may be."""
 
 
 def propose(sample: Sample, robot: Robot) -> Proposal:
@@ -187,7 +191,7 @@ class _ColumnInference(WorkingProposal):
         if q is not None:
             rows = replace(self.sample, values=restore_masked(self.sample.values, whole.values)[good])
             q, self.fits, put_right = self.condition_rows(self.fits, rows, position, effort, q)
-            self._report_still_joints(q)
+            self.guesses += describe_still_joints(self.robot.joint_names, q)
             self._guess_rates(groups, position, q)
             kind = self._guess_efforts(effort, q, kind)
             motors = [group for group in groups if group.signal == "q" and group.named.motor and group is not position]
@@ -225,8 +229,8 @@ class _ColumnInference(WorkingProposal):
             self.add_question("columns/q", detail, self.sample.names)
             return None
         equal = [group for group in candidates if group.rank == candidates[0].rank]
-        if len(equal) > 1 and (plain := find_plainest_group(equal)) is not None:
-            candidates = equal = [plain]
+        plain = find_plainest_group(equal)
+        candidates = equal = select_axes_in_use([plain] if plain else equal, self.values)
         if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
             self.add_question("columns/q", "Several sets of columns could be the measured positions: which one?", names)
@@ -242,9 +246,7 @@ class _ColumnInference(WorkingProposal):
     ) -> tuple[ColumnGroup | None, EffortKind]:
         if any(question.field == "robot" for question in self.questions):
             return None, "unknown"  # first the user has to say which joints the robot has
-        candidates = [
-            group for group in groups if group.signal in ("tau", "current", "effort") and group is not position
-        ]
+        candidates = self._list_groups(groups, position, *_EFFORTS)
         sizes = [np.abs(np.nan_to_num(self.values[:, list(group.columns)])).max() for group in candidates]
         silent = [group for group, size in zip(candidates, sizes, strict=True) if size < _NOTHING]
         smallest = min((size for size in sizes if size > 0.0), default=0.0)
@@ -275,7 +277,9 @@ class _ColumnInference(WorkingProposal):
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
             detail = "No columns were recognised as torques or currents of all joints."
-            detail += self._describe_candidates(groups, ("tau", "effort", "current"), "torque")
+            detail += self._describe_candidates(groups, _EFFORTS, "torque")
+            for still in self._list_groups(groups, position, *_EFFORTS)[:1]:
+                detail = f"{self.name_columns(still)} have one value each in all rows: was the torque recorded?"
             self.add_question("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = candidates[0]
@@ -284,7 +288,8 @@ class _ColumnInference(WorkingProposal):
             best, equal = plain, []
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
-            self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)
+            note = " State currents as current1, current2, …" * (best.signal == "effort")
+            self.add_question("columns/tau", f"Several sets of columns could be the torque: which one?{note}", names)
         self.further_efforts = [self.name_columns(group) for group in candidates if group is not best]
         kind = read_effort_kind(best.signal, best.named, best.rank)
         if kind in NO_MEASUREMENT:
@@ -294,6 +299,14 @@ class _ColumnInference(WorkingProposal):
             return None, "unknown"
         return best, kind
 
+    def _list_groups(self, groups: list[ColumnGroup], q: ColumnGroup | None, *signals: str) -> list[ColumnGroup]:
+        """Return the groups of signals; of a robot of one joint those of its position's axis, by their numbers."""
+        known = [group for group in groups if group.signal in signals and group is not q]
+        if q is None or self.robot.n > 1:
+            return known
+        axis = re.findall(r"\d+", self.name_columns(q))
+        return [group for group in known if re.findall(r"\d+", self.name_columns(group)) == axis] or known
+
     def _describe_candidates(self, groups: list[ColumnGroup], signals: tuple[str, ...], name: str) -> str:
         """Say which columns may be a signal that was not recognised, or where else it may be."""
         known = {k for group in groups if group.signal is not None for k in group.columns}
@@ -301,7 +314,8 @@ class _ColumnInference(WorkingProposal):
         further = describe_further_joints(list(others), self.robot.n, signals)
         if further := further or describe_single_joint(self.column_names, self.robot.n, signals):
             return further
-        unknown = describe_unknown_groups(groups, self.name_columns, name)
+        silent = (group for group in groups if group.signal is None and group.rank < COMMANDED_RANK)
+        unknown = describe_unknown_signals([self.name_columns(group) for group in silent], name)
         has_rates = name == "position" and any(group.signal == "dq" for group in groups)
         waves = describe_waves(self.column_names) if name == "position" else ""
         detail = f" If they are in another file, {TOGETHER}.{waves}{unknown}"
@@ -363,19 +377,10 @@ class _ColumnInference(WorkingProposal):
                 self.take_unit(f"q{index + 1}" if mixed else "q", guess, "m" if joint.kind == "prismatic" else "rad")
         return q
 
-    def _report_still_joints(self, q: FloatArray) -> None:
-        """Say which joints stand still: a fit of this recording alone needs them locked."""
-        still = {self.robot.joint_names[k]: float(q[:, k].mean()) for k in np.flatnonzero(np.ptp(q, axis=0) <= STANDS)}
-        if 0 < len(still) < self.robot.n:
-            lock = Remedy("locked_joints", {name: float(f"{place:.4g}") for name, place in still.items()})
-            reason = f"it does not move in these rows: if no other recording moves it, {lock}"
-            self.add_guess("robot", f"{', '.join(still)} at rest", 0.9, reason, (lock,))
-
     def _guess_rates(self, groups: list[ColumnGroup], position: ColumnGroup, q: FloatArray) -> None:
         """Take velocities that are the slope of the positions, and report those that are not."""
-        candidates = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
-        if candidates:
-            n, group = q.shape[1], candidates[0]
+        if candidates := self._list_groups(groups, position, "dq"):
+            n, group = q.shape[1], min(candidates, key=lambda group: group.rank)
             values = self.values[:, list(group.columns)]
             correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
             # The slope of each position with the velocity of the same joint.
@@ -468,13 +473,8 @@ class _ColumnInference(WorkingProposal):
             return
         if self.clock.unit == "s" or self.column_names[self.clock.column].unit:
             return
-        name, remedy = self.sample.names[self.clock.column], Remedy("rate")
-        detail = (
-            f"In which unit is {name}? In {self.clock.unit} the rows come at {self.clock.rate:.4g} Hz; if that is "
-            f"wrong, so is what the torques seem to be in. If {name} counts ticks of a clock, state the rows' rate: "
-            f"{remedy}."
-        )
-        self.questions.insert(0, Question("units/t", detail, ("s", "ms", "us", "ns"), remedies=(remedy,)))
+        name = self.sample.names[self.clock.column]
+        self.questions.insert(0, ask_for_unit_of_time(name, self.clock.unit, self.clock.rate))
 
     def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
         """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""

@@ -10,8 +10,11 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.errors import Remedy
 from dynident.identification.column_inference.column_names import ColumnName, find_waves
+from dynident.recordings.joint_phases import STANDS
+from dynident.recordings.position_checks import MOVED
 from dynident.recordings.recording_metadata import COMMANDED, Check, EffortKind
 from dynident.recordings.units import JOINT_KINDS
+from dynident.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -158,8 +161,21 @@ def ask_to_lock(why: str, places: Mapping[str, float]) -> Question:
     return Question("robot", f"{why}: lock {'them' if len(places) > 1 else 'it'}, {remedy}.", remedies=(remedy,))
 
 
+_AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
+"""rad or m: a locked joint's position below the first is 0; one above the second is no angle in radians."""
+
+
+def ask_to_lock_still_joints(robot: Robot, positions: FloatArray, joints: Sequence[int]) -> Question | None:
+    """Ask to lock those of some joints without torque that stand still: a gripper, or a fixed axis; None of others."""
+    still = [joint for joint in joints if np.ptp(positions[:, joint]) <= MOVED[robot.joints[joint].kind]]
+    middles = {robot.joint_names[joint]: float(np.median(positions[:, joint])) for joint in still}
+    places = {name: float(f"{at:.4g}") if _AT_ZERO < abs(at) < _MOST else 0.0 for name, at in middles.items()}
+    verbs = "stand still and have" if len(places) > 1 else "stands still and has"
+    return ask_to_lock(f"{', '.join(places)} {verbs} no torque", places) if places else None
+
+
 def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
-    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
+    """Describe columns that are counted beyond the robot's n joints, as of a gripper, or of most of them alone.
 
     Parameters
     ----------
@@ -181,12 +197,38 @@ def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collec
             counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
     for members in sorted(counted.values(), key=lambda own: (own[0].signal not in signals, own[0].rank)):
         numbers = sorted(column.numbers[0] for column in members)
-        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
-            return (
-                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
-                "which columns belong to the joints?"
-            )
+        is_counted = numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1)
+        is_other = members[0].signal not in (None, *signals)
+        if is_other or not is_counted or len(members) == n or 2 * len(members) <= n:
+            continue
+        which = "which columns belong to the joints?"
+        if len(members) < n:
+            which = "lock those that are not in the file (--lock), such as the fingers of a hand."
+        joints = "1 joint" if n == 1 else f"{n} joints"
+        return (
+            f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {joints}: {which}"
+        )
     return ""
+
+
+def describe_unknown_signals(unknown: Sequence[str], signal: str) -> str:
+    """Say which columns of all joints may be a signal that was not recognised; or that there are none.
+
+    Parameters
+    ----------
+    unknown : sequence of str
+        What the user calls the columns of all joints whose names do not say what they are.
+    signal : str
+        What was not recognised.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it.
+    """
+    if not unknown:
+        return f" No further columns stand for all joints: was the {signal} recorded?"
+    return f" Names of columns for all joints that do not say what they are: {'; '.join(unknown[:3])}."
 
 
 def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
@@ -206,7 +248,8 @@ def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collecti
     str
         A sentence with a space before it; "" where there is none, or several.
     """
-    measured = [column.name for column in named if column.signal in signals and column.rank < COMMANDED_RANK]
+    own = (column for column in named if column.signal in signals and not _OF_NO_JOINT & set(column.words))
+    measured = [column.name for column in own if column.rank < COMMANDED_RANK]
     if n == 1 or len(measured) != 1:
         return ""
     return (
@@ -214,6 +257,9 @@ def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collecti
         "joint it is."
     )
 
+
+_OF_NO_JOINT = frozenset({"robot", "tool", "total", "main", "supply"})
+"""Words of the current of the whole robot, as UR's actual_robot_current, and of what it carries."""
 
 COMMANDED_RANK = 4
 """Rank of a column from which on its name says that it is a command."""
@@ -251,6 +297,26 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
     known = {word for column in named if column.name in used for word in column.words}
     strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
     return [column.name for column in strange if not set(column.words) <= known]
+
+
+def describe_still_joints(names: Sequence[str], q: FloatArray) -> list[Guess]:
+    """Say which joints stand still in all rows of q (m, n): a fit of this recording alone needs them locked."""
+    still = {names[k]: float(q[:, k].mean()) for k in np.flatnonzero(np.ptp(q, axis=0) <= STANDS).tolist()}
+    if not 0 < len(still) < len(names):
+        return []
+    lock = Remedy("locked_joints", {name: float(f"{place:.4g}") for name, place in still.items()})
+    reason = f"it does not move in these rows: if no other recording moves it, {lock}"
+    return [Guess("robot", f"{', '.join(still)} at rest", 0.9, reason, (lock,))]
+
+
+def ask_for_unit_of_time(name: str, unit: str, rate: float) -> Question:
+    """Ask for the unit of a time that does not state one, by the rate in Hz that follows from the guessed one."""
+    remedy = Remedy("rate")
+    detail = (
+        f"In which unit is {name}? In {unit} the rows come at {rate:.4g} Hz; if that is wrong, so is what the torques "
+        f"seem to be in. If {name} counts ticks of a clock, state the rows' rate: {remedy}."
+    )
+    return Question("units/t", detail, ("s", "ms", "us", "ns"), remedies=(remedy,))
 
 
 def name_further_efforts(questions: Sequence[Question], names: Sequence[str]) -> list[Question]:

@@ -215,18 +215,21 @@ def are_columns_poses(work: WorkingProposal) -> bool:
 
 def guess_clock_of_poses(work: WorkingProposal) -> Clock | None:
     """Return the time column of rows that are poses, whose steps are no sampling period."""
-    column = next((k for k, name in enumerate(work.column_names) if name.signal == "t"), None)
+    values = work.sample.values
+    called = [k for k, name in enumerate(work.column_names) if name.signal == "t"]
+    column = next(iter(called or [k for k in find_clock_columns(values) if is_counter(values, k)]), None)
     if column is None:
         work.add_question("columns/t", "Which column is the time, or counts the poses?", work.sample.names)
         return None
     unit = work.column_names[column].unit or "s"
-    steps = np.diff(work.sample.values[:, column])
+    steps = np.diff(values[:, column])
     # A nominal rate, only so that the rows have an order; no filter uses it.
     middle = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     work.columns["t"] = work.sample.names[column]
     if unit != "s":
         work.units["t"] = unit
-    reason = f"its name; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, one per row"
+    known = "its name" if called else "it counts the rows"
+    reason = f"{known}; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, one per row"
     work.add_guess("columns/t", work.sample.names[column], 0.95, reason)
     return Clock(column, unit, CLOCK_FACTORS.get(unit, 1.0), 1.0 / middle, 0.0, True, reason)
 

@@ -24,6 +24,8 @@ _SAME_FACTOR = 0.02
 _NOISY, _FAR = 0.5, 3.0  # least correlation of accelerations with the velocities' slope, and ratio to that of torques
 _STILL = 0.01
 """Spread of a joint that stands, at most, as a share of the largest."""
+_ALIKE = 0.99
+"""Least correlation of a command with what follows it."""
 _GAP = 3.0
 """Ratio of the smoothest torque's roughness to the roughest position's, at least."""
 MeasureUnexplained = Callable[[tuple[int, ...], tuple[int, ...]], float]
@@ -44,12 +46,15 @@ class UnnamedColumns:
         Those of torques or currents.
     reason : str
         How they were told apart, as a clause.
+    further : tuple of (str, tuple of int)
+        More columns that may be one of these signals: "q" or "effort", and the columns.
     """
 
     positions: tuple[int, ...]
     rates: tuple[int, ...]
     efforts: tuple[int, ...]
     reason: str
+    further: tuple[tuple[Signal, tuple[int, ...]], ...] = ()
 
 
 def identify_unnamed_columns(
@@ -83,14 +88,14 @@ def identify_unnamed_columns(
     if len(columns) == 3 * n:
         by_slope = _split_by_slopes(t, part, columns, n)
         if by_slope is None:
-            return _split_three_blocks(t, part, columns, n, np.max)
+            return _split_blocks(t, part, columns, n, np.max, unexplained)
         if all(is_in_order(block) for block in (by_slope.positions, by_slope.rates, by_slope.efforts)):
             return by_slope
         # A torque may resemble a velocity by chance. So whole blocks of columns, with the median over the joints, are
         # preferred to single pairs.
-        return _split_three_blocks(t, part, columns, n, np.median) or by_slope
-    if len(columns) == 4 * n:
-        return _split_four_blocks(t, part, columns, n)
+        return _split_blocks(t, part, columns, n, np.median, unexplained) or by_slope
+    if len(columns) == 4 * n or (n > 1 and len(columns) > 4 * n and len(columns) % n == 0):
+        return _split_blocks(t, part, columns, n, np.median, unexplained)
     if len(columns) != 2 * n:
         return None
     if n > 1 and (rates := _split_positions_and_rates(t, part, columns, n)) is not None:
@@ -137,44 +142,59 @@ def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n:
     return UnnamedColumns(firsts, seconds, tuple(columns[index] for index in rest), reason)
 
 
-def _split_three_blocks(
-    t: FloatArray, part: FloatArray, columns: Sequence[int], n: int, of_joints: Callable[[list[float]], float]
+def _split_blocks(
+    t: FloatArray,
+    part: FloatArray,
+    columns: Sequence[int],
+    n: int,
+    of_joints: Callable[[FloatArray], float],
+    unexplained: MeasureUnexplained,
 ) -> UnnamedColumns | None:
-    """Find three signals of all joints side by side, some of which stand still, by the joints that move."""
+    """Find signals of all joints side by side, some of which stand still, by the slopes of the joints that move."""
     correlation, _ = correlate_slopes(t, part)
-    best: tuple[float, tuple[list[int], ...]] | None = None
-    for blocks in _list_layouts(n, 3):
-        for first in range(3):
-            for second in range(3):
-                if first == second:
-                    continue
-                pairs = [correlation[a, b] for a, b in zip(blocks[first], blocks[second], strict=True)]
-                correlated = float(of_joints(pairs))
-                if correlated > SLOPE and (best is None or correlated > best[0]):
-                    rest = blocks[3 - first - second]
-                    best = correlated, (blocks[first], blocks[second], rest)
-    if best is None:
-        return None
-    q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
-    return UnnamedColumns(q, dq, tau, "for the joints that move, one block of columns is the derivative of another")
-
-
-def _split_four_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> UnnamedColumns | None:
-    """Find positions, velocities, accelerations and torques side by side, by the slopes of the first two."""
-    correlation, _ = correlate_slopes(t, part)
-    best: tuple[float, list[list[int]]] | None = None
-    for blocks in _list_layouts(n, 4):
-        for first, second, third, rest in permutations(blocks):
-            pairs = (first, second), (second, third), (second, rest)
-            rate, rise, other = (float(np.median(correlation[pair])) for pair in pairs)
+    best: tuple[float, list[list[int]], list[list[int]]] | None = None
+    for blocks in _list_layouts(n, len(columns) // n):
+        for first, second in permutations(blocks, 2):
+            rate = float(of_joints(correlation[first, second]))
+            rest = [block for block in blocks if block not in (first, second)]
+            rises = [float(of_joints(correlation[second, block])) for block in rest]
             # Derived twice, accelerations are noisy: they are far more like the velocities' slope than the rest is.
-            is_rise = rise > SLOPE or (rise > _NOISY and rise > _FAR * other)
-            if rate > SLOPE and is_rise and (best is None or rate + rise > best[0]):
-                best = rate + rise, [first, second, rest]
+            top, *others = sorted(rises, reverse=True)
+            is_rise = len(rest) > 1 and (top > SLOPE or (top > _NOISY and top > _FAR * max(others)))
+            if rate > SLOPE and (best is None or rate + is_rise * top > best[0]):
+                rest = [block for block, rise in zip(rest, rises, strict=True) if not is_rise or rise < top]
+                best = rate + is_rise * top, [first, second], rest
     if best is None:
         return None
-    q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
-    return UnnamedColumns(q, dq, tau, "two blocks of columns are the first and second derivative of another")
+    (first, second), rest = best[1:]
+    # A command is much like what follows it: which of both was measured is asked, and velocities alike are one signal.
+    copies = [block for block in rest if len(rest) > 1 and _are_alike(part[:, block], part[:, first])]
+    rest = [
+        block
+        for block in rest
+        if block not in copies and (len(rest) == 1 or not _are_alike(part[:, block], part[:, second]))
+    ]
+    q, dq, *left = (tuple(columns[index] for index in block) for block in (first, second, *rest))
+    shares = [(block, unexplained(q, block)) for block in left if len(left) > 1]
+    efforts = [block for block, share in shares if share < _EXPLAINED] or left
+    positions = sorted([q, *(tuple(columns[index] for index in block) for block in copies)])
+    further: list[tuple[Signal, tuple[int, ...]]] = [("q", block) for block in positions[1:]]
+    further += [("effort", block) for block in efforts[1:]]
+    return UnnamedColumns(
+        positions[0],
+        dq,
+        efforts[0] if efforts else (),
+        "for the joints that move, one block of columns is the derivative of another",
+        tuple(further),
+    )
+
+
+def _are_alike(block: FloatArray, other: FloatArray) -> bool:
+    """Tell whether most joints of two blocks (m, n) move alike: one is the command of the other, or its copy."""
+    spread = other.std(axis=0)
+    moving = np.flatnonzero((spread > _STILL * spread.max()) & (block.std(axis=0) > 0.0))
+    alike = [np.corrcoef(block[:, joint], other[:, joint])[0, 1] for joint in moving]
+    return bool(alike) and float(np.median(alike)) > _ALIKE
 
 
 def _split_positions_and_rates(
@@ -241,29 +261,6 @@ def find_forces(groups: Sequence[ColumnGroup], *, slide: bool) -> list[ColumnGro
         for group in groups
         if group.signal == "other" and {"force", "forces"} & set(group.named.words)
     ]
-
-
-def describe_unknown_groups(groups: Sequence[ColumnGroup], shown: Callable[[ColumnGroup], str], signal: str) -> str:
-    """Say which columns of all joints may be a signal that was not recognised; or that there are none.
-
-    Parameters
-    ----------
-    groups : sequence of ColumnGroup
-        All groups of the file.
-    shown : function
-        Returns the names of a group's columns.
-    signal : str
-        What was not recognised.
-
-    Returns
-    -------
-    str
-        A sentence with a space before it.
-    """
-    unknown = [shown(group) for group in groups if group.signal is None and group.rank < COMMANDED_RANK]
-    if not unknown:
-        return f" No further columns stand for all joints: was the {signal} recorded?"
-    return f" Names of columns for all joints that do not say what they are: {'; '.join(unknown[:3])}."
 
 
 def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:
@@ -484,7 +481,8 @@ def _order_by_joint(
         groups.append(ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason))
     if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
         groups.append(ColumnGroup(kinds.rates, "dq", None, 0, work.column_names[kinds.rates[0]], reason))
-    return groups
+    names = work.column_names
+    return groups + [ColumnGroup(each, signal, None, 0, names[each[0]], reason) for signal, each in kinds.further]
 
 
 def _is_file_order_as_good(kinds: UnnamedColumns, measure: MeasureUnexplained) -> bool:

@@ -395,6 +395,12 @@ def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
             f"Row {number} has about twice as many cells as there are columns: numbers with decimal commas stand "
             "between commas. Separate the columns by semicolons, or write decimal points."
         )
+    elif (counts := _read_counts(message)) is not None:
+        detail = (
+            f"Row {number} and others have {counts[1]} cells, but there are {counts[0]} columns: the file has rows of "
+            "several kinds, or names that are not those of its rows. Keep the rows of one kind, below names for all of "
+            "their cells."
+        )
     elif "file is too short" in message:
         detail = "The file has a line of names, but no rows of data below it."
     else:
@@ -402,10 +408,16 @@ def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
     return RecordingError(detail, pointer=name, title="Not a number" if value else "Unreadable file", row=number)
 
 
+def _read_counts(message: str) -> tuple[int, int] | None:
+    """Return how many columns Arrow expected, and how many cells a row has, where that is what it says."""
+    counts = re.search(r"Expected (\d+) columns, got (\d+)", message)
+    return None if counts is None else (int(counts[1]), int(counts[2]))
+
+
 def _has_twice_the_cells(message: str) -> bool:
     """Return whether Arrow found nearly twice as many cells in a row as the table has columns."""
-    counts = re.search(r"Expected (\d+) columns, got (\d+)", message)
-    return counts is not None and 1.7 < int(counts[2]) / int(counts[1]) <= 2.0
+    counts = _read_counts(message)
+    return counts is not None and 1.7 < counts[1] / counts[0] <= 2.0
 
 
 class StackedSource(FileSource):

@@ -37,6 +37,9 @@ _ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*
 """A name, and behind the colon its value, if it does not stand in the lines below."""
 _COMMA = re.compile(r"^([A-Za-z_][\w./]{0,63})\s?,\s{0,9}(?=\[|[-+.\d][-+.\deE]{0,40}$)")
 """A name with a comma in place of the colon, before one number or a list: what `print(name, value, sep=",")` does."""
+_SPACED = re.compile(r"^([A-Za-z_]\w{0,63})[,;\s]{1,9}([-+.\d][-+.\deE]*(?:[,;\s]{1,9}[-+.\d][-+.\deE]*)+)[,;\s]{0,9}$")
+"""A name and at least two numbers, as where each signal of a sample is printed on a line of its own."""
+_BETWEEN = re.compile(r"[,;\s]+")
 _NAME = re.compile(r"[A-Za-z_][\w.:]*")
 _SEPARATOR = "---"
 _ITEM = "- "
@@ -66,6 +69,8 @@ def find_printed_kind(content: TextContent) -> Kind | None:
     # A table whose numbers have words before them may begin with the level of the log: INFO: t=0.1 q=0.2.
     if find_labels(whole) is not None:
         return None
+    if _come_in_turn(whole):
+        whole = list(map(_put_brackets, whole))
     lines = [line.rstrip() for line in _join_brackets(map(_put_colon, whole)) if line.strip()]
     if lines and lines[0].startswith(_SEPARATOR):
         lines = lines[1:]
@@ -74,6 +79,21 @@ def find_printed_kind(content: TextContent) -> Kind | None:
 
 def _put_colon(line: str) -> str:
     return _COMMA.sub(r"\1: ", line.rstrip())
+
+
+def _put_brackets(line: str) -> str:
+    """Return a line of a name and numbers with a colon behind the name, and the numbers as a list; others unchanged."""
+    signal = _SPACED.match(line)
+    return line if signal is None else f"{signal[1]}: [{','.join(_BETWEEN.split(signal[2]))}]"
+
+
+def _come_in_turn(lines: Sequence[str]) -> bool:
+    """Return whether signals stand on lines of their own, always in one order; other words say states of rows."""
+    signals = [signal[1] if (signal := _SPACED.match(line)) else "" for line in lines if line.strip()]
+    if not all(signals) or not 1 < len(set(signals)) < len(signals):
+        return False
+    period = len(set(signals))
+    return all(name == signals[k % period] for k, name in enumerate(signals))
 
 
 def _goes_on(text: str) -> bool:
@@ -340,7 +360,7 @@ def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
     record: list[str] = []
     names: set[str] = set()
     size = 0
-    joined = _join_brackets(map(_put_colon, lines))
+    joined = _join_brackets(_put_brackets(_put_colon(line)) for line in lines)
     for line in _find_items(joined) if kind == "items" else joined:
         line = line.rstrip()
         if not line:
