@@ -167,20 +167,17 @@ def describe_first_run(goal: str) -> str:
     return "Make the first run: nothing is known yet." + (" Leave the load off." if goal == "payload" else "")
 
 
-def describe_short_time(needed: float, given: float) -> str:
-    """Return what is wrong with a time that is too short for the first run; moves are known once it is designed."""
-    return (
-        f"The shortest run takes {format_number(needed)} s with its moves from and to home, and all runs together may "
-        f"take {format_number(given)} s; give more minutes or shorter runs."
-    )
-
-
 def describe_broken_promise(promised: float, left: float, name: str) -> str:
     """Return a sentence on a run that left a larger error than promised."""
     return (
         f" The run brought less than promised: {format_percent(left)} on {name}, where {format_percent(promised)} or "
         "less was promised."
     )
+
+
+def word_larger_error(goal: str) -> str:
+    """Return the errors of a goal that may be larger, as an alternative to more time; "" of effects."""
+    return {"effects": "", "payload": " or a larger mass_error or centre_error"}.get(goal, " or a larger error")
 
 
 def word_share(goal: str, error: float) -> str:
@@ -321,5 +318,31 @@ def check_time(request: CampaignRequest) -> None:
         raise DynidentError(
             f"{runs} {fewest * run:g} s, and all together may take {given:g} s in {format_count(request.runs, 'run')}; "
             "give more minutes, more runs or shorter ones",
+            pointer="/minutes",
+        )
+
+
+def check_time_with_moves(request: CampaignRequest, first: float, moves: float) -> None:
+    """Raise `DynidentError` where the time is too small once the first motion is designed, and with it the moves.
+
+    Parameters
+    ----------
+    request : CampaignRequest
+        The request.
+    first : float
+        Time of the first run with its moves, s.
+    moves : float
+        Time of the moves of a run from and to home, s.
+    """
+    following, given = request.fewest_runs - 1 if request.goal == "payload" else 0, 60.0 * request.minutes
+    needed = first + following * (compute_planned_seconds(list_designs(request.design)[0]) + moves)
+    if needed > given:
+        runs = f"{following + 1} runs, the last with the load, take {format_number(needed)} s with their"
+        if not following:
+            slow = format_percent(request.first_speed)
+            runs = f"The first run, at {slow} of the velocity limits, takes {format_number(needed)} s with its"
+        raise DynidentError(
+            f"{runs} moves from and to home, and all runs together may take {format_number(given)} s; give more "
+            "minutes or shorter runs.",
             pointer="/minutes",
         )
