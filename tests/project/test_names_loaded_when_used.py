@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import dynident
-from dynident.lazy_loader import find_export_modules
+from dynident.lazy_loader import LazyModule, find_export_modules
 
 SOURCES = Path(dynident.__file__).parent
 ROOMS = sorted(
@@ -38,3 +41,12 @@ def test_a_room_alone_loads_no_science(room: str) -> None:
     program = f"import sys, dynident.{room}; print([one for one in {heavy} if one in sys.modules])"
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert told.strip() == "[]"
+
+
+@pytest.mark.parametrize("repeat", [copy.copy, copy.deepcopy, lambda module: pickle.loads(pickle.dumps(module))])
+def test_a_module_that_is_imported_when_used_can_be_copied(repeat: Callable[[LazyModule], LazyModule]) -> None:
+    module = repeat(LazyModule("json"))
+    assert module.loads("[1]") == [1]
+    assert module.__name__ == "json"
+    with pytest.raises(AttributeError, match="_nothing"):
+        _ = module._nothing
