@@ -352,7 +352,7 @@ def accept_like(asked: Question, columns: dict[str, str], units: dict[str, str],
     proposal = Proposal(columns, units, "unknown", (), (asked,))
     none = np.zeros((0, 4))
     inspection = Inspection(Path("b.csv"), "csv", (*known.columns.values(), "g"), none, none, 0, proposal)
-    return accept_proposal("b.csv", inspection, has_gains=True, accepted=[known])
+    return accept_proposal(inspection, has_gains=True, accepted=[known])
 
 
 READ = {"t": "time", "q1": "a", "tau1": "f"}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 from dynident.api.argument_checks import CheckedResult, check_arguments, require
-from dynident.api.proposed_metadata import ProposalReader, word_question
+from dynident.api.proposed_metadata import COLUMNS, ProposalReader, word_question
 from dynident.api.recording_collection import CheckedRecording, Recordings, RecordingSource
 from dynident.api.recordings_in_memory import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.robot_files import DriveGains, set_drive_gains
@@ -251,9 +251,7 @@ def read_recordings(
     metadata_of_files = [
         replace(stated, name=name, rate=file.rate or stated.rate) for file, name in zip(files, names, strict=True)
     ]
-    # Columns of the metadata are all of a file; the argument may state some.
-    is_whole = bool(stated.columns) and columns is None
-    reader = ProposalReader(machine, files, metadata_of_files, [is_whole] * len(files), cure)
+    reader = ProposalReader(machine, files, metadata_of_files, [False] * len(files), cure)
     recordings = read_files(files, machine, metadata_of_files, cure=cure, propose=reader.propose, progress=progress)
     recordings = reader.report_columns(recordings)
     return recordings if drive_gains is None else recordings.report_unused_gains()
@@ -456,7 +454,12 @@ def revise(
     if revision.name is None:
         revised = replace(revised, name=f"{source.metadata.name} r{len(edits)}")
     file = SourceFile(source.path, source.metadata.name, owner=source.owner)
-    return _read_recording(file, recording.robot, revised, edits=edits)
+    read = _read_recording(file, recording.robot, revised, edits=edits)
+    # What was guessed is guessed still.
+    guessed = [
+        check for check in recording.checks if check.name == COLUMNS and revised.columns == source.metadata.columns
+    ]
+    return replace(read, checks=(*read.checks, *guessed))
 
 
 def _let_go(_: TemporaryFile) -> None:

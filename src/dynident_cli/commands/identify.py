@@ -296,7 +296,7 @@ def inspect(
         # An open question ends the command here, before anything is written.
         if as_proposed:
             # Gains belong to the robot, so the proposal for the file does not need them.
-            accept_proposal(file.name, inspection, has_gains=True, write=write_option)
+            accept_proposal(inspection, has_gains=True, write=write_option)
         if out is not None:
             document = json.dumps(argument_loading.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
             write_atomically(out, encode_text(f"{document}\n"))
