@@ -308,7 +308,7 @@ def inspect(
 
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
-    from dynident.errors import word_remedies
+    from dynident.errors import Remedy, word_remedies
     from dynident.presentation.recording_tables import build_guess_table
     from dynident_cli import command_output, metadata_files
     from dynident_cli.request_options import write_option
@@ -326,5 +326,15 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
         if answer := metadata_files.describe_answer(question):
             console.print(f"    → {answer}", soft_wrap=True, markup=False)
-    if not inspection.proposal.questions:
-        console.print("No question is open: identify reads the file like this.")
+    if inspection.proposal.questions:
+        return
+    if inspection.proposal.units and all(ours == name for ours, name in inspection.proposal.columns.items()):
+        # Columns of these names are read without a proposal.
+        units = write_option(Remedy("units", dict(inspection.proposal.units)))
+        console.print(
+            "No question is open. identify takes columns with the names q1, tau1 and so on to be in SI units, unless "
+            f"it has {units} or --as-proposed.",
+            soft_wrap=True,
+        )
+        return
+    console.print("No question is open: identify reads the file like this.")
