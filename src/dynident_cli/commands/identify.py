@@ -218,6 +218,7 @@ def identify(
     """Identify the base parameters of a robot."""
     from dynident.api.model_identification import identify as identify_model
     from dynident.effects import DEFAULT_EFFECTS
+    from dynident.identification.identified_models.fit_model import is_worse_on_held_out
     from dynident_cli import argument_loading, command_output, option_parsers, printed_results
 
     machine = argument_loading.load_robot_argument(robot, reading)
@@ -244,6 +245,14 @@ def identify(
             words = ["diagnose", result.out, *measurements, *held_out_words]
             files = [*measurements, *further.validation]
             printed_results.show_next_command(console, "find what is missing", words, files, reading)
+        if result.out is not None and verdict.stop is None and is_worse_on_held_out(model.identification):
+            # Two recordings that differ, as by the zeros of joints, look like a motion that determines too little.
+            before, after = (
+                [word for path in paths for word in (option, path)]
+                for option, paths in (("--before", measurements), ("--after", further.validation))
+            )
+            words, files = ["changes", result.out, *before, *after], [*measurements, *further.validation]
+            printed_results.show_next_command(console, "find what differs in the held-out data", words, files, reading)
 
     everything = (*recordings, *held_out)
     command_output.write_model(result, "model", model, print_result, verdict=verdict, recordings=everything)
