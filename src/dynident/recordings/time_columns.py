@@ -9,10 +9,9 @@ from datetime import date
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.arrow_tables import from_numbers, to_floats
+from dynident.recordings.arrow_tables import from_numbers, pc, to_floats
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import FileSource, RawRows, RawSource, to_float_column
 from dynident.recordings.recording_metadata import Check
