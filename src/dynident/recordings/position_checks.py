@@ -258,7 +258,7 @@ def _check_position_unit(
         low, high, rate = float(positions.low[joint]), float(positions.high[joint]), float(fastest[joint])
         small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
         where = int(positions.row[row]), float(positions.t[row])
-        if is_counted(limit, low, high) and (limit.position or rate > get_fastest(limit.kind, limit.velocity)):
+        if is_counted(limit, low, high) and (limit.position or rate > _get_fastest(limit.kind, limit.velocity)):
             remedy = Remedy("units", {"q": "counts:4096"})
             return Check(
                 "position_unit",
@@ -393,10 +393,10 @@ def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, sma
         widest, turn = max(abs(lower), abs(upper)), 2.0 * pi if limit.kind == "revolute" else 0.0
         return beyond and inside and max(abs(low), abs(high)) > widest + max(widest, turn)
     # Without limits a wheel, a rail or a base goes as far as it likes: only a speed that no joint has tells.
-    return rate > get_fastest(limit.kind, limit.velocity)
+    return rate > _get_fastest(limit.kind, limit.velocity)
 
 
-def get_fastest(kind: JointKind, velocity: float | None) -> float:
+def _get_fastest(kind: JointKind, velocity: float | None) -> float:
     """Return a speed in rad/s, or m/s, that no joint of a kind, or of a stated largest velocity, reaches."""
     return 3.0 * velocity if velocity is not None else FASTEST if kind == "revolute" else 20.0
 

@@ -13,8 +13,8 @@ from dynident.array_types import FloatArray
 from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import SURE, UnitGuess
 from dynident.number_format import format_percent
-from dynident.recordings.position_checks import get_fastest
-from dynident.recordings.recording import JointKind
+from dynident.recordings.position_checks import has_other_unit
+from dynident.recordings.recording import JointKind, JointLimits
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import measure_reach
@@ -298,7 +298,8 @@ def _is_possible_unit(
             if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + tolerance:
                 return False
         elif speed is not None and unit in ("rad", "deg"):
-            if factor * speed[place] > get_fastest("revolute", robot.joints[joint].limits.velocity):
+            unlimited = JointLimits(velocity=robot.joints[joint].limits.velocity)
+            if has_other_unit(unlimited, 0.0, 0.0, factor * float(speed[place]), 1.0):
                 return False
             continue
         if abs(factor) * max(high[place] - low[place], abs(low[place]), abs(high[place])) > MOST_MOTION:
