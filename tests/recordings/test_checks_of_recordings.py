@@ -242,6 +242,17 @@ def test_degrees_taken_for_radians_are_refused(tmp_path, limits):
     assert found(tmp_path, columns, "position_unit", limits=limits, units={"q": "deg"}).status == "ok"
 
 
+def test_a_joint_without_limits_turns_as_often_as_it_likes_at_a_speed_it_can_reach(tmp_path):
+    columns = changed("q1", lambda q: q + 5.0 * motion()["t"])
+    turns = lambda velocity: tuple(JointLimits(velocity=velocity) for _ in JOINTS)  # noqa: E731
+    assert np.ptp(columns["q1"]) > 12.0 * np.pi
+    assert refused(tmp_path, columns, limits=turns(1.0)).title == "Position unit"
+    assert found(tmp_path, columns, "position_unit", limits=turns(9.0)).status == "ok"
+    # Nothing but a speed tells: without a limit a warning, which corrects nothing.
+    check = found(tmp_path, columns, "position_unit", limits=turns(None))
+    assert (check.status, check.column, check.apply) == ("warning", "q1", None)
+
+
 def test_positions_beyond_the_limits_are_a_warning(tmp_path):
     check = found(tmp_path, changed("q1", lambda q: q + 3.2), "position_unit", limits=LIMITS)
     assert (check.status, check.column) == ("warning", "q1")

@@ -117,6 +117,33 @@ class Question:
         return cls(field, check.detail, check=check.name, remedies=check.remedies, is_curable=is_curable)
 
 
+def is_duty(words: Sequence[str]) -> bool:
+    """Return whether the words of a column's name say that it is the duty of a motor's PWM."""
+    return not {"pwm", "duty", "dutycycle"}.isdisjoint(words)
+
+
+def ask_for_kind(names: str, words: Sequence[str]) -> Question:
+    """Ask what efforts are.
+
+    Parameters
+    ----------
+    names : str
+        Names of their columns.
+    words : sequence of str
+        The words of one of these.
+    """
+    if is_duty(words):
+        detail = (
+            f"{names} are duties of the motors' PWM: a share of the supply voltage, and no torque. If no current was "
+            "recorded, they can stand for one, with drive gains in N m per unit of these numbers at standstill. The "
+            "viscous friction then contains the back-EMF of the motors, and a supply voltage that changes is in the "
+            "error: where it was recorded, multiply them by it before."
+        )
+        return Question("effort_kind", detail, ("motor_current",))
+    detail = f"What are {names}: torques of the joints, or currents of the motors?"
+    return Question("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+
+
 @dataclass(frozen=True)
 class Proposal:
     """Proposed metadata of a file.

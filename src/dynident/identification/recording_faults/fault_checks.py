@@ -486,7 +486,7 @@ def _describe_exchange(fault: ColumnFault, recording: Recording, q: Sequence[str
     if fault.sources:
         kind, columns = ("torques", tau) if fault.kind == "torques swapped" else ("positions", q)
         elsewhere = ", ".join(f"{name} in {columns[source]}" for name, source in zip(names, fault.sources, strict=True))
-        return f"the {kind} of whole legs, or arms, are in another order than the joints ({elsewhere})"
+        return f"the {kind} of several joints are in another order ({elsewhere})"
     first, second = (", ".join(side) for side in (names[::2], names[1::2]))
     pairs = list(zip(fault.joints[::2], fault.joints[1::2], strict=True))
     torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in pairs) for kind in (tau, q))
