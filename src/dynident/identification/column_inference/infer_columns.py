@@ -32,6 +32,7 @@ from dynident.identification.column_inference.column_statistics import (
     restore_masked,
 )
 from dynident.identification.column_inference.metadata_proposal import (
+    COMMANDED_RANK,
     NO_MASSES,
     Guess,
     Proposal,
@@ -42,7 +43,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     describe_gear_ratios,
     describe_single_joint,
     describe_still_joints,
-    describe_unknown_groups,
+    describe_unknown_signals,
     describe_waves,
     find_columns_of_other_joints,
     name_further_efforts,
@@ -87,9 +88,8 @@ from dynident.robot.pseudo_inertia import find_description_units
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""
-_NOTHING = 1e-30
-"""Efforts that are smaller in any unit are no efforts."""
-_EFFORTS = ("tau", "current", "effort")
+_NOTHING, _EFFORTS = 1e-30, ("tau", "current", "effort")
+"""Efforts that are smaller in any unit are no efforts; what columns of them may be."""
 
 
 def propose(sample: Sample, robot: Robot) -> Proposal:
@@ -229,7 +229,7 @@ class _ColumnInference(WorkingProposal):
             self.add_question("columns/q", detail, self.sample.names)
             return None
         equal = [group for group in candidates if group.rank == candidates[0].rank]
-        plain = find_plainest_group(equal) if len(equal) > 1 else None
+        plain = find_plainest_group(equal)
         candidates = equal = select_axes_in_use([plain] if plain else equal, self.values)
         if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
@@ -288,9 +288,8 @@ class _ColumnInference(WorkingProposal):
             best, equal = plain, []
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
-            detail = "Several sets of columns could be the measured torque: which one?"
-            detail += " State currents as current1, current2 and so on." * (best.signal == "effort")
-            self.add_question("columns/tau", detail, names)
+            note = " State currents as current1, current2, …" * (best.signal == "effort")
+            self.add_question("columns/tau", f"Several sets of columns could be the torque: which one?{note}", names)
         self.further_efforts = [self.name_columns(group) for group in candidates if group is not best]
         kind = read_effort_kind(best.signal, best.named, best.rank)
         if kind in NO_MEASUREMENT:
@@ -300,13 +299,13 @@ class _ColumnInference(WorkingProposal):
             return None, "unknown"
         return best, kind
 
-    def _list_groups(self, groups: list[ColumnGroup], position: ColumnGroup | None, *signals: str) -> list[ColumnGroup]:
+    def _list_groups(self, groups: list[ColumnGroup], q: ColumnGroup | None, *signals: str) -> list[ColumnGroup]:
         """Return the groups of signals; of a robot of one joint those of its position's axis, by their numbers."""
-        known = [group for group in groups if group.signal in signals and group is not position]
-        if position is None or self.robot.n > 1:
+        known = [group for group in groups if group.signal in signals and group is not q]
+        if q is None or self.robot.n > 1:
             return known
-        numbers = [re.findall(r"\d+", self.sample.names[group.columns[0]]) for group in (position, *known)]
-        return [group for group, own in zip(known, numbers[1:], strict=True) if own == numbers[0]] or known
+        axis = re.findall(r"\d+", self.name_columns(q))
+        return [group for group in known if re.findall(r"\d+", self.name_columns(group)) == axis] or known
 
     def _describe_candidates(self, groups: list[ColumnGroup], signals: tuple[str, ...], name: str) -> str:
         """Say which columns may be a signal that was not recognised, or where else it may be."""
@@ -315,7 +314,8 @@ class _ColumnInference(WorkingProposal):
         further = describe_further_joints(list(others), self.robot.n, signals)
         if further := further or describe_single_joint(self.column_names, self.robot.n, signals):
             return further
-        unknown = describe_unknown_groups(groups, self.name_columns, name)
+        silent = (group for group in groups if group.signal is None and group.rank < COMMANDED_RANK)
+        unknown = describe_unknown_signals([self.name_columns(group) for group in silent], name)
         has_rates = name == "position" and any(group.signal == "dq" for group in groups)
         waves = describe_waves(self.column_names) if name == "position" else ""
         detail = f" If they are in another file, {TOGETHER}.{waves}{unknown}"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from dynident.recordings.position_checks import MOVED
 from dynident.recordings.recording_metadata import COMMANDED, Check, EffortKind
 from dynident.recordings.units import JOINT_KINDS
 from dynident.robot import Robot
-
-if TYPE_CHECKING:
-    from dynident.identification.column_inference.column_groups import ColumnGroup
 
 
 @dataclass(frozen=True)
@@ -215,15 +211,13 @@ def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collec
     return ""
 
 
-def describe_unknown_groups(groups: Sequence[ColumnGroup], shown: Callable[[ColumnGroup], str], signal: str) -> str:
+def describe_unknown_signals(unknown: Sequence[str], signal: str) -> str:
     """Say which columns of all joints may be a signal that was not recognised; or that there are none.
 
     Parameters
     ----------
-    groups : sequence of ColumnGroup
-        All groups of the file.
-    shown : function
-        Returns the names of a group's columns.
+    unknown : sequence of str
+        What the user calls the columns of all joints whose names do not say what they are.
     signal : str
         What was not recognised.
 
@@ -232,7 +226,6 @@ def describe_unknown_groups(groups: Sequence[ColumnGroup], shown: Callable[[Colu
     str
         A sentence with a space before it.
     """
-    unknown = [shown(group) for group in groups if group.signal is None and group.rank < COMMANDED_RANK]
     if not unknown:
         return f" No further columns stand for all joints: was the {signal} recorded?"
     return f" Names of columns for all joints that do not say what they are: {'; '.join(unknown[:3])}."
