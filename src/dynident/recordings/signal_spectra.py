@@ -184,7 +184,7 @@ def find_step(values: FloatArray) -> float:
 
 _FEWEST_LEVELS, _FEWEST_PASSES, _BESIDE, _FAR = 10, 6, 2.0, 1.5
 """Values between a threshold and twice it, without which it may be a step of the signal; passes to or from 0; the
-threshold's multiple that half of the values beside zeros stay below, unlike where a drive is switched; and the multiple that
+threshold's multiple that half of the values beside zeros stay below, unlike where a drive is switched; and the one that
 the largest tenth of all exceeds, unlike steps of one size."""
 
 
