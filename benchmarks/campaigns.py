@@ -6,9 +6,10 @@
 Each campaign has links of its own (10 % off the description) and friction of usual size. The true error is that of the
 identified model's torque over the region of the goal, against the arm's own torque.
 
-With --rivals, three others make as many runs as the campaign, or until they are at the goal twice as many: a design of
-the whole length for the predicted torque, random motions, and a design by the condition number that is repeated. They
-know the effects of the campaign's last model, and need no slow first run.
+With --rivals, three others make four runs each: one design for the predicted torque, random motions, and one design by
+the condition number. Their runs have the whole length, as of people who do not know how long a run has to be, and once
+more the campaign's shortest one. They know the effects of the campaign's last model, and need no slow first run; when
+they are at the goal, only the truth tells.
 
 With --hidden, the same arm also makes a fixed programme of four runs (designs by the condition number, at full speed),
 which are diagnosed together afterwards: whether that names the hidden effect, and in how many minutes.
@@ -34,7 +35,7 @@ from engine.scene import Scene, dof_of
 
 import dynident as dy
 from dynident.advice.campaign import add_run, plan_run, start_campaign
-from dynident.advice.campaign_request import CampaignRequest, Decision
+from dynident.advice.campaign_request import CampaignRequest, Decision, list_designs
 from dynident.advice.payload_goal import select_payload_errors
 from dynident.diagnosis import diagnose
 from dynident.effects import LINKS, ReferenceParameters, Signals, build_columns
@@ -51,7 +52,8 @@ from dynident.text_and_html_tables import format_text_table
 
 LINK_SPREAD = 0.1
 PROGRAMME_RUNS = 4
-RIVALS = ("one design", "random", "repeated")
+RIVALS = ("one design", "random", "condition number")
+RIVAL_RUNS = 4
 HIDDEN = ("stribeck", "torque_ripple", "joint_spring", "coulomb_asymmetric", "load_dependent_friction", "presliding")
 # Beside Coulomb friction, both are the same torque.
 EQUALS = {"coulomb_asymmetric": "offset"}
@@ -207,33 +209,35 @@ def is_reached_after_all(arm: VirtualArm, state) -> bool:
             return True
 
 
-def run_rival(arm: VirtualArm, state, kind: str):
-    """Return robot minutes and the largest true error after each run of a rival, until twice the campaign's runs."""
-    request, effects = state.request.design, state.identification.model.effects
+def run_rival(arm: VirtualArm, state, kind: str, request: DesignRequest):
+    """Return robot minutes and the largest true error after each run of a rival: one design, or a new random motion."""
+    effects = state.identification.model.effects
     choices = replace(state.request.choices, effects=effects)
     request = replace(request, effects=effects)
     if kind == "random":
         request = replace(request, kind="random", random_trajectories=1)
     if kind == "one design":
         request = replace(request, criterion=CriterionChoice("prediction"))
-    recordings, minutes, history = [], 0.0, []
-    for k in range(2 * len(state.runs)):
-        if kind == "one design":
-            request = replace(request, trajectory=replace(request.trajectory, periods=k + 1))
-        if kind != "repeated" or k == 0:
-            region = state.region if kind == "one design" else None
+    region = state.region if kind == "one design" else None
+    recordings, minutes, history, design = [], 0.0, [], None
+    for k in range(RIVAL_RUNS):
+        if design is None or kind == "random":
             design = design_experiment(arm.robot, replace(request, seed=request.seed + k), region=region)
-        recording = arm.record(design, 100 * (1 + RIVALS.index(kind)) + k)
-        minutes, recordings = (
-            (design.duration / 60, [recording])
-            if kind == "one design"
-            else (minutes + design.duration / 60, [*recordings, recording])
-        )
+        recordings.append(arm.record(design, 100 * (1 + RIVALS.index(kind)) + k))
+        minutes += design.duration / 60
         true = arm.compute_true_error(identify(arm.robot, recordings, (), choices), state.region)
         history.append((minutes, float(true.max())))
-        if k + 1 >= len(state.runs) and history[-1][1] <= state.request.error:
-            break
     return history
+
+
+def run_rivals(arm: VirtualArm, state) -> dict[str, list[tuple[float, float]]]:
+    """Return the history of each rival, with runs of the whole length and of the shortest one of the campaign."""
+    shortest, *_, longest = list_designs(state.request.design)
+    return {
+        f"{kind}, {request.trajectory.duration:g} s": run_rival(arm, state, kind, request)
+        for request in (longest, shortest)
+        for kind in RIVALS
+    }
 
 
 def run_programme(arm: VirtualArm, request: CampaignRequest):
@@ -300,20 +304,21 @@ def print_curves(curves, goal: float) -> None:
         for k in range(max(map(len, histories))):
             reached = [history[k] for history in histories if len(history) > k]
             minutes, errors = np.array(reached).T
-            low, middle, high = np.quantile(errors, (0.25, 0.5, 0.75))
+            low, middle, high, most = np.quantile(errors, (0.25, 0.5, 0.75, 0.95))
             rows.append([
-                kind, str(k + 1), str(len(reached)), f"{np.median(minutes):.2f}",
-                *(format_percent(float(error)) for error in (middle, low, high)),
+                kind, str(k + 1), str(len(reached)), f"{60 * np.median(minutes):.1f}",
+                *(format_percent(float(error)) for error in (middle, low, high, most)),
             ])  # fmt: skip
-    heads = ["who", "run", "arms", "minutes", "true error: median", "lower quartile", "upper quartile"]
+    heads = ["who", "run", "arms", "seconds", "true error: median", "lower quartile", "upper quartile", "95 %"]
     print(format_text_table("True error over robot time", heads, rows, len(rows), right_from=1))
-    own = np.array([find_goal(history, goal) for history in curves["campaign"]])
-    for kind in RIVALS:
-        other = np.array([find_goal(history, goal) for history in curves[kind]])
-        print(
-            f"{kind}: at the goal after {np.median(other):.2f} min (median), the campaign after {np.median(own):.2f}; "
-            f"never within twice its runs: {np.isinf(other).sum()} of {len(other)}"
-        )
+    rows = []
+    for kind, histories in curves.items():
+        # A campaign ends when it knows that it is at the goal; a rival, when the truth is.
+        at = [history[-1][0] if kind == "campaign" else find_goal(history, goal) for history in histories]
+        low, middle, most = 60 * np.quantile(at, (0.05, 0.5, 0.95), method="higher")
+        rows.append([kind, f"{middle:.1f}", f"{low:.1f}", f"{most:.1f}", f"{np.isinf(at).sum()} of {len(at)}"])
+    heads = ["who", "seconds: median", "of 5 %", "of 95 %", "never"]
+    print(format_text_table("Robot time until the goal", heads, rows, len(rows), right_from=1))
 
 
 @dataclass
@@ -329,6 +334,7 @@ class Tally:
     minutes_to_name: list[float] = field(default_factory=list)
     programme: list[tuple[float, bool]] = field(default_factory=list)
     seconds: list[tuple[float, float]] = field(default_factory=list)
+    curves: dict[str, list] = field(default_factory=dict)
 
     def add(self, arm: VirtualArm, state, history) -> None:
         """Take in a campaign that is over."""
@@ -345,6 +351,14 @@ class Tally:
         if arm.hidden is not None:
             self.named.append(has_hidden(arm, state.identification.model.effects))
             self.minutes_to_name.append(find_named(arm, history))
+            minutes, effects = run_programme(arm, state.request)
+            self.programme.append((minutes, has_hidden(arm, effects)))
+
+    def add_rivals(self, arm: VirtualArm, state, history) -> None:
+        """Let the rivals run on the arm of a campaign that is over."""
+        own = [(minutes, float(error.max())) for minutes, _, error, _ in history]
+        for kind, curve in {"campaign": own, **run_rivals(arm, state)}.items():
+            self.curves.setdefault(kind, []).append(curve)
 
     def print(self) -> None:
         """Print the shares of what was true."""
@@ -366,8 +380,29 @@ class Tally:
                 f"hidden effect named to stay after {np.median(self.minutes_to_name):.2f} min (median); a fixed "
                 f"programme of {PROGRAMME_RUNS} runs takes {np.median(minutes):.2f} min and names {np.mean(named):.0%}"
             )
+        if self.curves:
+            print_curves(self.curves, self.goal)
         longest = np.max(self.seconds, axis=0)
         print(f"longest ask {longest[0]:.1f} s, tell {longest[1]:.1f} s of processor time")
+
+
+def measure_campaign(asked: argparse.Namespace, design: DesignRequest, name: str, seed: int, tally: Tally) -> list[str]:
+    """Run a campaign, and its rivals where asked for; return its row of the table."""
+    hidden = HIDDEN[seed % len(HIDDEN)] if asked.hidden else ""
+    arm = (MujocoArm if asked.mujoco else VirtualArm)(name, seed, hidden)
+    state, history = run_campaign(arm, CampaignRequest(error=asked.goal, minutes=asked.minutes, design=design))
+    minutes, run, true, _ = history[-1]
+    added = "; ".join(f"{c.effect}@{'+'.join(c.joints)}" for c in run.added)
+    row = [
+        name, str(seed), hidden or "–", state.decision.code, str(len(history)), f"{minutes:.2f}",
+        format_percent(float(run.errors.max())), format_percent(float(true.max())), added or "–",
+    ]  # fmt: skip
+    print(row, flush=True)
+    print_runs(state, history)
+    tally.add(arm, state, history)
+    if asked.rivals:
+        tally.add_rivals(arm, state, history)
+    return row
 
 
 def main() -> None:
@@ -389,34 +424,15 @@ def main() -> None:
         return
     if asked.mujoco and asked.hidden:
         parser.error("effects are hidden in virtual arms alone; leave out --mujoco or --hidden")
-    tally, rows = Tally(asked.goal), []
-    curves: dict[str, list] = {kind: [] for kind in ("campaign", *RIVALS)}
-    for name in asked.arms.split(","):
-        for seed in range(asked.first_seed, asked.first_seed + asked.seeds):
-            hidden = HIDDEN[seed % len(HIDDEN)] if asked.hidden else ""
-            arm = (MujocoArm if asked.mujoco else VirtualArm)(name, seed, hidden)
-            state, history = run_campaign(arm, CampaignRequest(error=asked.goal, minutes=asked.minutes, design=design))
-            tally.add(arm, state, history)
-            if asked.hidden:
-                at, effects = run_programme(arm, state.request)
-                tally.programme.append((at, has_hidden(arm, effects)))
-            if asked.rivals:
-                curves["campaign"].append([(at, float(error.max())) for at, _, error, _ in history])
-                for kind in RIVALS:
-                    curves[kind].append(run_rival(arm, state, kind))
-            minutes, run, true, _ = history[-1]
-            added = "; ".join(f"{c.effect}@{'+'.join(c.joints)}" for c in run.added)
-            rows.append([
-                name, str(seed), hidden or "–", state.decision.code, str(len(history)), f"{minutes:.2f}",
-                format_percent(float(run.errors.max())), format_percent(float(true.max())), added or "–",
-            ])  # fmt: skip
-            print(rows[-1], flush=True)
-            print_runs(state, history)
+    tally = Tally(asked.goal)
+    rows = [
+        measure_campaign(asked, design, name, seed, tally)
+        for name in asked.arms.split(",")
+        for seed in range(asked.first_seed, asked.first_seed + asked.seeds)
+    ]
     heads = ["arm", "seed", "hidden", "decision", "runs", "minutes", "stated", "true", "added"]
     print(format_text_table("Campaigns", heads, rows, len(rows), right_from=4))
     tally.print()
-    if asked.rivals:
-        print_curves(curves, asked.goal)
 
 
 if __name__ == "__main__":

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.candidate_pool import Candidate, Pool, build_pool
 from dynident.diagnosis.candidates.held_out_scores import score_candidates
-from dynident.diagnosis.candidates.inner_product_accumulation import products_from_reduction
-from dynident.diagnosis.candidates.time_blocks_and_folds import split_folds
+from dynident.diagnosis.candidates.time_blocks_and_folds import Products, split_folds
 from dynident.effects import EffectChoice
+from dynident.estimation import Reduction
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
 from dynident.regressors.dynamic_model_rows import reduce_recordings, stream_filtered_samples
@@ -48,11 +48,8 @@ def main() -> None:
     pool = build_pool(model.model)
     building = time.process_time() - start
     start = time.process_time()
-    data = products_from_reduction(
-        reduce_recordings(
-            pool.observation, RegressorInputs([recording], PREPROCESSING, model.estimate.next_reference())
-        )
-    )
+    inputs = RegressorInputs([recording], PREPROCESSING, model.estimate.next_reference())
+    data = products_of(reduce_recordings(pool.observation, inputs))
     reducing = time.process_time() - start
     base = np.arange(pool.n_base, dtype=np.intp)
     start = time.process_time()
@@ -88,6 +85,18 @@ def main() -> None:
     print(f"\n  ranking / refitting: {scoring / (each * n):.4f}", end="")
     print(f"; with the pass: {(scoring + reducing) / (each * n):.4f}")
     print(f"  largest difference between the held-out errors of the two: {worst:.1e} of the error")
+
+
+def products_of(reduction: Reduction) -> Products:
+    """Inner products of the rows of one run, from their triangular factors."""
+    grams = [equation.factors.transpose(0, 2, 1) @ equation.factors for equation in reduction.equations]
+    position = []
+    for equation in reduction.equations:
+        where = np.full(reduction.n_columns, -1, dtype=np.intp)
+        where[equation.columns] = np.arange(len(equation.columns))
+        position.append(where)
+    counts = np.array([equation.counts for equation in reduction.equations]).T.astype(np.float64)
+    return Products.from_grams(grams, position, counts, np.zeros(len(counts), dtype=np.intp))
 
 
 def refitted(

@@ -57,6 +57,7 @@ def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy
 
 _OTHER_ARGUMENTS = {
     "drives": "drive_gains",
+    "cure": "cure=True",
     "meshes": "surroundings=dy.Surroundings(mesh_folders=[…])",
     "assume_floor": "surroundings=dy.Surroundings(assume_floor=False)",
     "contacts": "set_base(robot, contacts=[…])",

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.abc import InspectLoader
+from typing import Any
 
 
 def make_lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
@@ -43,6 +44,22 @@ def make_lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[
         return sorted(names)
 
     return get, list_names
+
+
+class LazyModule:
+    """A module that is imported when something of it is first used: a slow one that few recordings need.
+
+    Parameters
+    ----------
+    name : str
+        The module's dotted name.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self._name), name)
 
 
 @cache

@@ -129,6 +129,14 @@ def format_range(low: float, high: float, unit: str, digits: int = 3) -> str:
     return f"{format_number(low, digits)} … {format_number(high, digits)} {unit}"
 
 
+_LONGEST_IN_SECONDS = 120.0
+
+
+def choose_time_unit(longest: float) -> tuple[str, float]:
+    """Return the unit in which times up to a longest one (s) are shown, and its length in s."""
+    return ("s", 1.0) if longest < _LONGEST_IN_SECONDS else ("min", 60.0)
+
+
 def format_count(count: int, noun: str) -> str:
     """Format a count with its noun in the singular or the plural.
 

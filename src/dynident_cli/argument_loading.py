@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast, get_args
 
+from dynident.api.proposed_metadata import NEEDED_FOR_GAINS, OPEN_QUESTIONS, ProposalReader
 from dynident.api.recording_collection import Recordings
 from dynident.api.recording_files import read_files
 from dynident.api.recordings_in_memory import SourceFile
@@ -16,6 +17,7 @@ from dynident.api.robot_files import set_drive_gains as set_gains
 from dynident.effects import EffectChoice
 from dynident.effects.effect_text_format import parse_effects
 from dynident.errors import DynidentError
+from dynident.identification.column_inference import EffortKind, Inspection
 from dynident.identification.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import RecordingError, RecordingMetadata
@@ -26,13 +28,7 @@ from dynident.robot.description_and_json import set_base
 from dynident.robot.limits_and_drives import check_hardware
 from dynident_cli import option_parsers
 from dynident_cli.command_output import message_console, show_progress_bar
-from dynident_cli.metadata_files import (
-    OPEN_QUESTIONS,
-    StatedAnswers,
-    accept_proposal,
-    describe_columns,
-    read_metadata,
-)
+from dynident_cli.contract_documents import parse_metadata
 from dynident_cli.option_parsers import check_readable
 from dynident_cli.request_options import write_option
 from dynident_cli.shared_options import RobotAdditions, TimedReading
@@ -42,6 +38,10 @@ if TYPE_CHECKING:
     from dynident.recordings.recording_metadata import ConditioningStep
 
 _NOTHING_BESIDE = RobotAdditions()
+_IGNORED_KEYS = ("questions", "name", "format")
+"""Keys of a metadata file that are no metadata."""
+_OTHER_SOURCES = ("name", "format", "role", "accept")
+"""Metadata that the file itself tells, or that have options or commands of their own."""
 
 
 def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) -> Robot:
@@ -103,41 +103,40 @@ def load_recordings(
     # Options and metadata files are read before the first recording, which may take minutes.
     metadata = _list_metadata(paths, reading, friction)
     options = option_parsers.parse_pairs(reading.columns, "--columns")
-    proposed: list[RecordingMetadata] = []
-
-    def propose(index: int) -> RecordingMetadata:
-        # A metadata file without columns holds answers to what is proposed; one with columns is the whole proposal.
-        stated = metadata[index]
-        if reading.as_proposed is False or not stated.columns.keys() <= options.keys():
-            return stated
-        proposed.append(_propose_metadata(paths[index], robot, stated, reading, proposed))
-        return proposed[-1]
-
-    def propose_if_sure(index: int) -> RecordingMetadata | None:
-        try:
-            return propose(index)
-        except DynidentError as error:
-            if error.title != OPEN_QUESTIONS:
-                raise
-            return None
-
     files = [SourceFile(path, stated.name) for path, stated in zip(paths, metadata, strict=True)]
+    # A metadata file without columns holds answers to what is proposed; one with columns is the whole proposal.
+    is_whole = [reading.as_proposed is False or not stated.columns.keys() <= options.keys() for stated in metadata]
+    reader = ProposalReader(robot, files, metadata, is_whole, reading.cure, write_option)
     try:
         if reading.as_proposed:
-            # What one file leaves open, a later one with the same columns may answer.
-            sure = [propose_if_sure(index) for index in range(len(paths))]
-            metadata = [known or propose(index) for index, known in enumerate(sure)]
+            for path in paths:
+                check_readable(path)
+            metadata = reader.propose_all()
         # A file of another logger is read as proposed; where a question is open, that is the error.
         recordings = read_files(
-            files, robot, metadata, cure=reading.cure, write_remedy=write_option, propose=propose, progress=progress
+            files,
+            robot,
+            metadata,
+            cure=reading.cure,
+            write_remedy=write_option,
+            propose=reader.propose,
+            progress=progress,
         )
         has_gains = isinstance(reading, RobotAdditions) and bool(reading.drive_gains)
         return recordings.report_unused_gains() if has_gains else recordings
     except RecordingError as error:
         _add_remedies(error, reading)
         raise
+    except DynidentError as error:
+        if error.title == OPEN_QUESTIONS:
+            error.detail += (
+                " Or write the proposal with `dynident inspect FILE --robot ROBOT --out FILE.json`, answer there (and "
+                "empty its questions), and give it as --metadata."
+            )
+        raise
     finally:
-        _tell_columns(proposed)
+        for line in reader.describe_columns_of_files():
+            message_console().print(line, soft_wrap=True)
 
 
 def _list_metadata(paths: Sequence[Path], reading: TimedReading, friction: Collection[Path]) -> list[RecordingMetadata]:
@@ -166,15 +165,6 @@ def _list_metadata(paths: Sequence[Path], reading: TimedReading, friction: Colle
     return metadata_of_files
 
 
-def _tell_columns(metadata: Sequence[RecordingMetadata]) -> None:
-    """Print which columns were taken as what, once for files that have the same."""
-    names_by_columns: dict[str, list[str]] = {}
-    for stated in metadata:
-        names_by_columns.setdefault(describe_columns(stated), []).append(stated.name or "")
-    for columns, names in names_by_columns.items():
-        message_console().print(f"Columns of {', '.join(names)} as proposed: {columns}", soft_wrap=True)
-
-
 def _add_remedies(error: RecordingError, reading: TimedReading) -> None:
     """Name the options that might help: only the command line knows them."""
     refused = [check for check in error.checks if check.status == "error"]
@@ -191,22 +181,63 @@ def _list_neighbours(paths: Sequence[Path]) -> set[str]:
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
-def _propose_metadata(
-    path: Path,
-    robot: Robot,
-    stated: RecordingMetadata,
-    reading: TimedReading,
-    accepted: Sequence[RecordingMetadata],
-) -> RecordingMetadata:
-    from dynident.identification.column_inference import inspect_file
+def proposal_document(inspection: Inspection, rate: float | None = None) -> dict[str, object]:
+    """Return the proposed metadata as a JSON object, with the open questions."""
+    assert inspection.proposal is not None
+    return {
+        "format": inspection.format,
+        "columns": dict(inspection.proposal.columns),
+        "units": dict(inspection.proposal.units),
+        "windows": [],
+        **({} if rate is None else {"rate": rate}),
+        "effort_kind": inspection.proposal.effort_kind,
+        "questions": [
+            {"field": question.field, "detail": question.detail} for question in inspection.proposal.questions
+        ],
+    }
 
-    check_readable(path)
-    # Which gains currents have is no open question where the robot knows them. That efforts are currents is another
-    # one, which gains do not answer.
-    has_gains = all(drive.gain is not None for drive in robot.drives)
-    answers = StatedAnswers(stated.columns, stated.units, reading.accept, reading.cure, stated)
-    inspection = inspect_file(path, robot, stated.rate, stated.columns)
-    return accept_proposal(path, inspection, has_gains=has_gains, answers=answers, accepted=accepted)
+
+def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
+    """Read metadata files, each FILE for all recordings or NAME=FILE for one, by the names of the recordings."""
+    metadata_by_name: dict[str, RecordingMetadata] = {}
+    for text in texts:
+        name, sign, path = text.partition("=")
+        # A path may hold "=" itself: only the name of a recording before it makes it NAME=FILE.
+        if sign and name in names:
+            metadata_by_name[name] = _read_metadata_file(Path(path))
+        else:
+            metadata_by_name |= dict.fromkeys(names, _read_metadata_file(Path(text)))
+    return metadata_by_name
+
+
+def _read_metadata_file(path: Path) -> RecordingMetadata:
+    document = option_parsers.read_json_object(path)
+    field_names = [
+        metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _OTHER_SOURCES
+    ]
+    if not set(document) <= {*field_names, *_IGNORED_KEYS}:
+        allowed = ", ".join((*field_names, *_IGNORED_KEYS))
+        raise DynidentError(
+            f"{path.name} does not contain metadata; it needs an object of {allowed}", pointer=str(path)
+        )
+    questions: Any = document.get("questions") or ()
+    # Drive gains belong to the robot: whether they are missing is found when the currents are read.
+    open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
+    if open_questions:
+        raise DynidentError(
+            f"{path.name} has an open question: {open_questions[0].get('detail', '')} Answer it and empty its "
+            "questions.",
+            pointer=str(path),
+            title=OPEN_QUESTIONS,
+        )
+    effort_kind = document.get("effort_kind")
+    if effort_kind is not None and effort_kind not in get_args(EffortKind):
+        raise DynidentError(
+            f"{path.name}: effort_kind is {effort_kind!r}; allowed are {', '.join(get_args(EffortKind))}",
+            pointer=str(path),
+        )
+    # Null means that the field is not stated.
+    return parse_metadata(path, {name: document[name] for name in field_names if document.get(name) is not None})
 
 
 def read_effects(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:

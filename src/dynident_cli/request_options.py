@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import functools
 import inspect
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
@@ -28,11 +30,12 @@ _UNUSABLE = "Unusable option"
 class RequestOptions:
     """Marker in the annotation of a command's parameter: the fields of a request are options of the command.
 
-    Fields named in `but` are not options.
+    Fields named in `but` are not options. `words` has the help of fields that mean something else in this command.
     """
 
     science: type
     but: tuple[str, ...] = ()
+    words: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
 
 _OPTIONS_TO_FILL = {
     "drives": "--drive-gains",
+    "cure": "--cure",
     "rate": "--rate HZ",
     "contacts": "--contacts",
     "meshes": "--meshes FOLDER",
@@ -138,7 +142,7 @@ def write_option(remedy: Remedy) -> str:
 def _write_value(value: object) -> str:
     if isinstance(value, tuple):
         return ":".join(map(_write_value, value))
-    return "…" if value is ... else write_number(value) if isinstance(value, float) else str(value)
+    return "…" if value is ... else write_number(value) if isinstance(value, float) else shlex.quote(str(value))
 
 
 def list_option_words(group: object) -> list[str]:
@@ -172,7 +176,7 @@ def _gather_group(hint: Any, name: str, group: Mapping[str, Any], options: Mappi
 def _make_parameters(name: str, parameter: inspect.Parameter, hint: Any) -> list[inspect.Parameter]:
     kind, asks = _split_annotation(hint)
     if asks is not None:
-        return list(_make_request_parameters(asks.science, asks.but))
+        return list(_make_request_parameters(asks.science, asks.but, asks.words))
     if is_dataclass(kind):
         inner = get_type_hints(kind, include_extras=True)
         # The default of a list is made by its option, a new list for each call: a shared one could be changed.
@@ -196,14 +200,17 @@ def _make_parameter(name: str, hint: Any, default: Any) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=signature_default, annotation=hint)
 
 
-def _make_request_parameters(science: type, but: Sequence[str] = ()) -> Iterator[inspect.Parameter]:
+def _make_request_parameters(
+    science: type, but: Sequence[str] = (), words: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[inspect.Parameter]:
     for request_field in fields(science):
         about = get_description(request_field)
+        about = replace(about, words=words.get(request_field.name, about.words))
         if request_field.name in but or about.option == "-":
             continue
         hint = _field_type(science, request_field)
         if is_dataclass(hint):
-            yield from _make_request_parameters(hint)  # type: ignore[arg-type]
+            yield from _make_request_parameters(hint, words=words)  # type: ignore[arg-type]
         else:
             typed, metavar, default = _option_type(hint, get_default(request_field))
             # Flags get a --no- form, because a preset of the command may have switched them on.

@@ -61,11 +61,12 @@ class CampaignOptions(TypedDict, total=False):
     seed: int
     """The same seed gives the same result (0 to 9.0072e+15)"""
     starts: int | None
-    """Number of starts of the optimisation; by default 4, or as many as the time budget allows (1 to 1e+06)"""
+    """Number of starts of each search for a motion; by default 2, or as many as the time allows (1 to 1e+06)"""
     surroundings: Surroundings
     """What the robot must not touch"""
     time_budget: float | None
-    """Time limit of the optimisation; the best result until then is used, in s (above 0 to 604800)"""
+    """Time limit of each search for a motion; by default 6, if no number of starts is stated, in s (above 0 to
+    604800)"""
     torque_margin: float
     """Share by which the torque may exceed the prediction; torque limits are reduced accordingly (0 to 100)"""
     trajectory: Trajectory

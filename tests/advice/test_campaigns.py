@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import dynident as dy
 from dynident.advice import campaign as campaign_module
 from dynident.advice.campaign import PlannedRun, _predict_end, add_run, decide, plan_run, start_campaign
-from dynident.advice.campaign_request import CampaignRequest, list_designs
+from dynident.advice.campaign_request import DESIGN_SECONDS, DESIGN_STARTS, CampaignRequest, list_designs
 from dynident.advice.payload_goal import PayloadErrors
 from dynident.advice.prediction_error import (
     RegionRows,
@@ -45,6 +45,7 @@ from dynident.excitation.design_result import expect_recording, follows_design
 from dynident.excitation.expected_torque import ExpectedTorque
 from dynident.identification import identify
 from dynident.motion.limits.bounds import slow_down_limits
+from dynident.presentation.design_tables import build_campaign_table
 from dynident.recordings import choose_preprocessing
 from dynident.recordings.row_storage import load_stored_samples
 from dynident.reports.figures.design import draw_campaign
@@ -179,6 +180,7 @@ def test_a_longer_run_is_planned_only_where_it_tells_more_for_its_time(plan_leng
 
 def test_runs_without_a_promise_leave_the_time_for_those_that_have_to_follow(plan_lengths):
     design = replace(DESIGN, trajectory=replace(DESIGN.trajectory, duration=10.0))
+    _, after_first, _ = first_run()
 
     def plan(seconds, **changes):
         state = start_campaign(ARM, replace(REQUEST, design=design, minutes=seconds / 60, **changes))
@@ -187,15 +189,32 @@ def test_runs_without_a_promise_leave_the_time_for_those_that_have_to_follow(pla
     assert plan(9.6) == (5.0, [5.0])
     # The shortest run that follows takes 3.5 s with its moves, which are known once a motion is designed.
     assert plan(9.4) == (2.5, [5.0, 2.5])
-    assert plan(3.0) == (2.5, [2.5])
+    assert plan(3.6) == (2.5, [2.5])
+    with pytest.raises(dy.DynidentError, match=r"takes 3\.50 s with its moves from and to home"):
+        plan(3.0)
     load = {"goal": "payload", "unloaded_runs": 2}
     assert [plan(seconds, **load)[0] for seconds in (13.1, 12.9)] == [5.0, 2.5]
     # For effects a run is as long as it may be.
-    _, state, _ = first_run()
+    state = after_first
     for left, expected in ((11.1, (10.0, [10.0])), (10.9, (5.0, [10.0, 5.0])), (5.1, (2.5, [5.0, 2.5]))):
         minutes = (state.seconds + left) / 60
         request = replace(REQUEST, goal="effects", decide=("stribeck",), design=design, minutes=minutes)
         assert plan_lengths(replace(state, request=request), {}) == expected
+
+
+def test_options_of_a_motion_say_what_they_are_for_the_runs_of_a_campaign():
+    words = " ".join(CliRunner().invoke(app, ["campaign", "--help"], env={"COLUMNS": "200"}).stdout.split())
+    assert "a run may take half or a quarter of it, in s" in words
+    assert f"by default {DESIGN_STARTS}, or as many as the time allows" in words
+
+
+def test_a_search_that_is_not_stated_makes_few_starts_and_ends_in_time():
+    def start(**changes):
+        design = start_campaign(ARM, replace(REQUEST, design=replace(DESIGN, starts=None, **changes))).request.design
+        return design.starts, design.time_budget
+
+    assert start() == (DESIGN_STARTS, DESIGN_SECONDS)
+    assert start(time_budget=60.0) == (None, 60.0)
 
 
 def measure_motion(planned) -> float:
@@ -223,11 +242,15 @@ def test_shorter_runs_keep_the_highest_frequency_and_the_usual_number_of_harmoni
     assert count(sampling_rate=6.0) == [(5.0, 1, 6), (10.0, 1, 12)]
 
 
-def test_the_figure_counts_short_campaigns_in_seconds():
+def test_figure_and_table_count_short_campaigns_in_seconds():
     _, state, _ = first_run()
     assert "robot time (s)" in draw_campaign(state)
     long = replace(state, runs=tuple(replace(run, seconds=200.0) for run in state.runs))
     assert "robot time (min)" in draw_campaign(long)
+    tables = [build_campaign_table(each.runs, each.request, ARM.joint_names) for each in (state, long)]
+    assert [table.columns[1] for table in tables] == ["robot time so far (s)", "robot time so far (min)"]
+    assert tables[0].rows[0][1].value == pytest.approx(state.seconds)
+    assert tables[1].rows[0][1].value == pytest.approx(200.0 / 60.0)
 
 
 def test_what_a_model_lacks_counts_all_runs_by_their_time():
@@ -482,11 +505,14 @@ def test_decisions_say_what_is_in_the_way():
     # The shortest run takes 3 s, and its moves.
     left = replace(REQUEST, minutes=(2 * state.seconds + 3.0 + 0.9 * following.design.moves) / 60)
     assert decided(parameters=0.03, lacking=0.0, request=left).code == "out_of_time"
-    hopeless = decided(parameters=0.03, lacking=0.0, request=replace(REQUEST, error=1e-6, minutes=0.7))
+    never = replace(REQUEST, error=1e-6, minutes=0.7)
+    hopeless = decided(parameters=0.03, lacking=0.0, runs=3, request=never)
     assert (hopeless.code, "Give more minutes or runs" in hopeless.sentence) == ("not_reachable", True)
+    # One motion at full speed may be a poor one, whose repetition says little of those to come.
+    assert decided(parameters=0.03, lacking=0.0, request=never).code == "next_run"
     # Time for thousands of runs is worth nothing where the number of runs is limited.
-    long, few = (replace(REQUEST, error=0.002, minutes=1000.0, runs=runs) for runs in (10_000, 3))
-    codes = [decided(parameters=0.03, lacking=0.0, request=request).code for request in (long, few)]
+    long, few = (replace(REQUEST, error=0.002, minutes=1000.0, runs=runs) for runs in (10_000, 4))
+    codes = [decided(parameters=0.03, lacking=0.0, runs=3, request=request).code for request in (long, few)]
     assert codes == ["next_run", "not_reachable"]
     broken = decided(parameters=0.5, lacking=0.0, promised=0.01)
     assert "less than promised" in broken.sentence

@@ -139,3 +139,33 @@ def test_names_on_two_levels_that_become_equal_are_refused(robot: dy.Robot) -> N
     frame = pandas.DataFrame({("a_b", "c"): [1.0, 2.0], ("a", "b_c"): [3.0, 4.0]})
     with pytest.raises(dy.DynidentError, match=r"\('a_b', 'c'\) and \('a', 'b_c'\) both get the name a_b_c; give"):
         dy.read_recordings(frame, robot=robot)
+
+
+def read_with_other_names(desk: Path) -> Any:
+    """Return a recording with the columns of another logger."""
+    names = {"t": "time [s]", "q": "actual position", "tau": "actual torque"}
+    return pandas.read_csv(desk / "run1.csv").rename(
+        columns=lambda name: f"{names[name.rstrip('1234')]} {name.lstrip('tauq')}".strip()
+    )
+
+
+def test_columns_of_another_logger_are_read_as_proposed_and_a_finding_says_so(
+    desk: Path, robot: dy.Robot, tmp_path: Path
+) -> None:
+    path, frame = tmp_path / "run1.csv", read_with_other_names(desk)
+    frame.to_csv(path, index=False)
+    usual, run = (dy.read_recordings(source, robot=robot)[0] for source in (desk / "run1.csv", path))
+    (note,) = (check for check in run.findings if check.name == "columns")
+    assert note.detail.startswith("Read as t: time [s]")
+    assert "q: actual position 1" in note.detail
+    np.testing.assert_allclose(run.to_table()["tau_elbow"], usual.to_table()["tau_elbow"], atol=1e-9)
+    # The usual columns are no guess.
+    assert not [check for check in usual.findings if check.name == "columns"]
+
+
+def test_an_open_question_names_the_arguments_that_answer_it(desk: Path, robot: dy.Robot) -> None:
+    frame = read_with_other_names(desk).drop(columns="time [s]")
+    with pytest.raises(dy.DynidentError, match=r"metadata=dy.RecordingMetadata\(rate=…\)"):
+        dy.read_recordings(frame, robot=robot)
+    (run,) = dy.read_recordings(frame, robot=robot, metadata=dy.RecordingMetadata(rate=100.0))
+    assert run.sampling_rate == pytest.approx(100.0)

@@ -33,6 +33,13 @@ def test_reading_a_robot_and_a_recording_draws_nothing_and_loads_no_plotting() -
     assert told.strip() == "False"
 
 
+def test_identifying_loads_no_format_of_exports() -> None:
+    told = run(
+        "import sys, dynident as dy; dy.identify, dy.Model; print('dynident.export.model_export' in sys.modules)"
+    )
+    assert told.strip() == "False"
+
+
 @pytest.mark.parametrize("name", dynident.__all__)
 def test_every_name_is_there(name: str) -> None:
     assert getattr(dynident, name) is not None

@@ -14,13 +14,14 @@ import pyarrow.csv as pacsv
 import pytest
 from support.running_commands import dynident, write_run
 
+from dynident.api.proposed_metadata import StatedAnswers, accept_proposal, describe_answer, describe_columns
 from dynident.api.recording_files import read_recordings
 from dynident.api.robot_files import load_robot
 from dynident.errors import DynidentError, Remedy
 from dynident.identification.column_inference import Inspection, Proposal, Question, inspect_file
 from dynident.recordings import RecordingMetadata
 from dynident.robot import urdf_from_robot
-from dynident_cli.metadata_files import StatedAnswers, accept_proposal, describe_answer, describe_columns
+from dynident_cli.request_options import write_option
 
 
 @pytest.fixture
@@ -351,7 +352,7 @@ def accept_like(asked: Question, columns: dict[str, str], units: dict[str, str],
     proposal = Proposal(columns, units, "unknown", (), (asked,))
     none = np.zeros((0, 4))
     inspection = Inspection(Path("b.csv"), "csv", (*known.columns.values(), "g"), none, none, 0, proposal)
-    return accept_proposal(Path("b.csv"), inspection, has_gains=True, accepted=[known])
+    return accept_proposal("b.csv", inspection, has_gains=True, accepted=[known])
 
 
 READ = {"t": "time", "q1": "a", "tau1": "f"}
@@ -413,8 +414,8 @@ def test_without_a_robot_the_columns_are_listed(foreign):
     ("question", "option"),
     [
         (Question("drives", "they are currents"), "--drive-gains"),
-        (Question("columns/base_qx", "?", ("a", "b")), "--columns base_qx=COLUMN"),
-        (Question("effort_kind", "they are commanded"), '{"effort_kind": "joint_torque"}'),
+        (Question("columns/base_qx", "?", ("a", "b")), "--columns base_qx=…,base_qy=…"),
+        (Question("effort_kind", "they are commanded"), '"effort_kind": "joint_torque" in --metadata'),
         (Question("columns/t", "?", ("a", "b")), "--rate HZ"),
         (
             Question("gravity", "?", check="gravity_direction", remedies=(Remedy("gravity", (0.0, 0.0, 9.81)),)),
@@ -423,7 +424,7 @@ def test_without_a_robot_the_columns_are_listed(foreign):
     ],
 )
 def test_a_question_names_the_option_that_answers_it(question, option):
-    assert option in describe_answer(question)
+    assert option in describe_answer(question, write_option)
 
 
 def test_a_folder_is_called_one(tmp_path):

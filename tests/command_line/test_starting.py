@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
 import pytest
 from support.running_commands import dynident, write_run
 from typer.main import get_command
@@ -152,12 +154,14 @@ def test_a_command_that_there_is_not_is_told_beside_those_there_are() -> None:
 
 
 def test_one_identifies_without_loading_what_takes_longer_to_load_than_that(tmp_path: Path) -> None:
-    run = write_run(tmp_path / "run.csv", 1)
+    run, other = tmp_path / "run.parquet", tmp_path / "other.parquet"
+    for number, path in enumerate((run, other)):
+        pq.write_table(pacsv.read_csv(write_run(tmp_path / "run.csv", number)), path)
     script = (
         "import sys; from dynident_cli.program_and_exit_codes import app; code = 0\n"
-        f"try:\n    app(['identify', 'scara', {str(run)!r}, '--json'], prog_name='dynident')\n"
+        f"try:\n    app(['identify', 'scara', {str(run)!r}, '-v', {str(other)!r}, '--json'], prog_name='dynident')\n"
         "except SystemExit as end:\n    code = end.code or 0\n"
-        "heavy = {'matplotlib', 'fastapi', 'ruckig'}\n"
+        "heavy = {'matplotlib', 'fastapi', 'ruckig', 'pyarrow.compute', 'dynident.diagnosis.search.search_state'}\n"
         "print(sorted(heavy & set(sys.modules)), code, file=sys.stderr)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

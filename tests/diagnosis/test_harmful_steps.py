@@ -8,12 +8,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from support.hidden_effects import CASES, NAMES, ROBOT, experiment
+from support.scored_candidates import products_from_reduction
 
 from dynident.diagnosis.candidates.candidate_pool import build_pool_of_choices
 from dynident.diagnosis.candidates.inner_product_accumulation import (
     ConditionalRows,
     PhasedProducts,
-    products_from_reduction,
 )
 from dynident.diagnosis.candidates.time_blocks_and_folds import ProductStack
 from dynident.diagnosis.residuals.resolution_at_reversals import Resolution

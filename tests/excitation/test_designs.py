@@ -29,6 +29,9 @@ from dynident.excitation import (
     write_design,
 )
 from dynident.motion import ImpossibleLimitsError, Surroundings
+from dynident.motion.joint_trajectories import FourierFamily
+from dynident.motion.limits.bounds import build_bounds
+from dynident.motion.limits.limit_margins import AmplitudeScaler
 from dynident.robot import Limits, Robot, robot_from_library, to_pinocchio
 
 INERTIA_AND_FRICTION = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))
@@ -155,6 +158,27 @@ def test_a_panda_gets_a_condition_number_below_62_with_its_57_parameters(panda):
     assert len(design.parameter_names) == 57
     assert design.criterion_values.condition_number < 62
     assert_within(panda, design, {})
+
+
+def test_random_motions_that_are_only_compared_take_few_evaluations(panda):
+    class CountingModel:
+        calls = 0
+
+        def torque(self, q, dq, ddq):
+            self.calls += 1
+            return np.abs(dq) + 1e-3
+
+    family = FourierFamily(5, 10.0)
+    x = np.random.default_rng(0).standard_normal((family.n_coefficients, panda.n))
+    bounds = build_bounds(panda, {})
+    x[0], counts = bounds.middle, []
+    bounds = replace(bounds, torque=np.full(panda.n, 0.05))
+    for fine in (True, False):
+        model = CountingModel()
+        amplitudes = AmplitudeScaler(family, bounds, model, fine=fine).scale_down(x)
+        assert amplitudes is not None
+        counts.append(model.calls)
+    assert counts[1] <= 0.6 * counts[0]
 
 
 @pytest.mark.parametrize("criterion", ["d_optimal", "weighted", "equilibrated"])

@@ -102,22 +102,22 @@ def test_without_a_folder_everything_works(setting, builds, monkeypatch):
 
 def test_the_folder_does_not_grow_without_end(folder, monkeypatch):
     for number in range(8):
-        code_cache.load_or_compile(f"text {number}", lambda: bytes(1000))
+        code_cache.load_or_compute(f"text {number}", lambda: bytes(1000))
         newest = max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns)
         os.utime(newest, (number, number))
-    code_cache.load_or_compile("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
+    code_cache.load_or_compute("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
     monkeypatch.setattr(code_cache, "_MOST_BYTES", 5000)
     code_cache._remove_old_files.cache_clear()
-    code_cache.load_or_compile("text 8", lambda: bytes(1000))
+    code_cache.load_or_compute("text 8", lambda: bytes(1000))
     for number in (0, 8):
-        code_cache.load_or_compile(f"text {number}", lambda: pytest.fail("it is there"))
+        code_cache.load_or_compute(f"text {number}", lambda: pytest.fail("it is there"))
     assert len(list(folder.iterdir())) == 2
 
 
 def test_processes_share_it(folder):
     script = (
-        "from dynident.expressions.code_cache import load_or_compile\n"
-        "load_or_compile('of both', lambda: print('compiled') or b'code')"
+        "from dynident.expressions.code_cache import load_or_compute\n"
+        "load_or_compute('of both', lambda: print('compiled') or b'code')"
     )
     told = [
         subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout

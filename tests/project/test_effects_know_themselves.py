@@ -34,7 +34,7 @@ CONTRACT = {
     "src/dynident/recordings/recording_metadata.py": {"torque_delay"},
     # What is said of a recording has a field of that name.
     "src/dynident/reports/sections/provenance.py": {"torque_delay"},
-    "src/dynident_cli/metadata_files.py": {"torque_delay"},
+    "src/dynident/api/proposed_metadata.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},
     # A part of a robot has the name of the effect that it has.
     "src/dynident/robot/limits_and_drives.py": {"gravity_compensator"},

@@ -456,7 +456,7 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path):
     assert f"1 row, {len(run.t)}, has" in check.detail
     text = (tmp_path / "cut.csv").read_text().splitlines()
     (tmp_path / "most.csv").write_text("\n".join([text[0], *(f"{row},1" for row in text[1:-1]), ""]))
-    with pytest.raises(RecordingError, match="Expected 13 columns, got 14"):
+    with pytest.raises(RecordingError, match="have 14 cells, but there are 13 columns"):
         read_sample(tmp_path / "most.csv")
 
 

@@ -19,15 +19,15 @@ STRIBECK = EffectChoice("stribeck", (ROBOT.joint_names[0],))
 SLOWLY = 50
 
 
-def identified(duration: float, *effects: EffectChoice, shared: float = 0.0, **choices):
+def identified(duration: float, *effects: EffectChoice, shared: float = 0.0, lasting: int = SLOWLY, **choices):
     motion = fourier_motion(ROBOT, duration, 200.0, 1)
     rng = np.random.default_rng(0)
     tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + 2 * np.sign(motion.dq) + motion.dq
     v = motion.dq[:, 0]
     tau[:, 0] += 4.0 * np.exp(-((v / 0.15) ** 2)) * np.sign(v) + 0.3 * rng.normal(size=len(v))
     tau += 0.3 * rng.normal(size=tau.shape)
-    steps = rng.normal(size=len(v) // SLOWLY + 1)
-    tau += shared * np.repeat(steps, SLOWLY)[: len(v), None]
+    steps = rng.normal(size=len(v) // lasting + 1)
+    tau += shared * np.repeat(steps, lasting)[: len(v), None]
     asked = IdentificationChoices((*BASE, *effects), preprocessing=Preprocessing(None, 20.0, 3), **choices)
     return identify(ROBOT, [record(ROBOT, motion, tau)], [], asked)
 
@@ -52,6 +52,15 @@ def test_long_recordings_are_drawn_with_replacement():
     found = validate_bootstrap(identified(90.0, STRIBECK), draws=300)
     assert (found.kind, found.judged.verdict) == ("pairs", "pass")
     assert found.stretches >= 30
+
+
+def test_draws_leave_out_what_neighbours_that_depend_on_each_other_add():
+    # Residuals that last for 10 s, and blocks of a few seconds.
+    slow = validate_bootstrap(identified(60.0, shared=2.0, lasting=2000))
+    ratios, shares = np.array([(one.ratio, one.low * one.high) for one in slow.parameters]).T
+    assert shares.min() < 0.5 < 0.8 < np.median(shares)
+    np.testing.assert_allclose(ratios, shares, rtol=0.25)
+    assert not any(one.outside for one in slow.parameters)
 
 
 def test_deviations_that_leave_out_what_joints_share_fail_by_name():

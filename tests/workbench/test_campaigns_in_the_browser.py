@@ -20,7 +20,10 @@ def test_a_campaign_goes_on_until_its_goal_is_reached(page: Any, heard: Any, tmp
     page.select_option("#campaign-robot", robot)
     page.fill("#campaign-error", "0.05")
     page.fill("#campaign-duration", "4")
+    expect(page.locator("#campaign-form")).to_contain_text("a run may take half or a quarter of it")
     page.get_by_text("More options").click()
+    # What only other kinds of designs have is not asked.
+    expect(page.locator("#campaign-sets, #campaign-speeds, #campaign-joints")).to_have_count(0)
     page.fill("#campaign-time_budget", "2")
     page.fill("#campaign-name", "five per cent")
     page.click("#begin-campaign")

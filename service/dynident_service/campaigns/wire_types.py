@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from dynident.advice.campaign_request import LONGEST_CAMPAIGN
+from dynident.advice.campaign_request import LONGEST_CAMPAIGN, MOTION_WORDS
 from dynident.advice.campaign_request import CampaignRequest as Requested
 from dynident.excitation.design_request import DesignRequest
 from dynident_service.designs.wire_types import Trajectory
@@ -98,6 +98,7 @@ class Budget(RequestModel):
         "surroundings",
         "time_budget",
     ),
+    words=MOTION_WORDS,
 )
 @derive_body(Requested, only=("first_speed",))
 class CampaignRequest(NamedRequest):

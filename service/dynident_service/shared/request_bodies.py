@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from inspect import cleandoc
-from types import NoneType, UnionType
+from types import MappingProxyType, NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import pydantic
@@ -26,12 +26,16 @@ REQUESTS: dict[type[BaseModel], type] = {}
 
 
 def derive_body(
-    science: type, *but: str, only: tuple[str, ...] | None = None, or_null: tuple[str, ...] = ()
+    science: type,
+    *but: str,
+    only: tuple[str, ...] | None = None,
+    or_null: tuple[str, ...] = (),
+    words: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[[type[ModelT]], type[ModelT]]:
     """Decorate a body: add the fields of a request of the library to those that the class states itself.
 
     `science` is a frozen dataclass of `declare_field`s. Fields of `but` are no part of the contract, of `only` those of
-    `only` are, those of `or_null` may be null for their default.
+    `only` are, those of `or_null` may be null for their default. `words` has what fields mean here, if something else.
     """
 
     def build_body(body: type[ModelT]) -> type[ModelT]:
@@ -41,7 +45,9 @@ def derive_body(
                 # Of another type there; what it means is said once.
                 own[request_field.name].description = get_description(request_field).sentence or None
         derived = {
-            request_field.name: _derive_field(science, request_field, request_field.name in or_null)
+            request_field.name: _derive_field(
+                science, request_field, request_field.name in or_null, words.get(request_field.name)
+            )
             for request_field in fields(science)
             if request_field.name not in (*but, *own)
             and (only is None or request_field.name in only)
@@ -82,8 +88,11 @@ def _get_prose(science: type) -> str:
     return cleandoc(science.__doc__ or "").partition("\n\nParameters\n")[0]
 
 
-def _derive_field(science: type, request_field: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
+def _derive_field(
+    science: type, request_field: Field[Any], or_null: bool = False, words: str | None = None
+) -> tuple[Any, Any]:
     about = get_description(request_field)
+    about = about if words is None else replace(about, words=words)
     if about.kinds is None:
         hint = _to_wire_type(resolve_hint(science, request_field), request_field.name, about)
         hint = hint | None if or_null else hint

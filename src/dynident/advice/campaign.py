@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 
 from dynident.advice.campaign_request import (
-    DESIGN_SECONDS,
     FEWEST_RUNS,
     NOTHING_DECIDED,
     CampaignRequest,
@@ -20,7 +19,9 @@ from dynident.advice.campaign_request import (
     check_time,
     describe_broken_promise,
     describe_first_run,
+    describe_short_time,
     estimate_rest,
+    limit_search,
     list_designs,
     list_targets,
     select_longest,
@@ -200,8 +201,7 @@ def start_campaign(robot: Robot, request: CampaignRequest, region: Region | None
         raise DynidentError(f"the region has {region.q.shape[1]} joints; the robot has {robot.n}", pointer="/region")
     check_targets(robot, request)
     check_time(request)
-    if design.time_budget is None and design.starts is None:
-        design = replace(design, time_budget=DESIGN_SECONDS)
+    design = limit_search(design)
     region, trajectory = region or draw_region(robot, design.limits, request.speed), design.trajectory
     if trajectory.family == "fourier" and trajectory.harmonics == TrajectoryRequest.harmonics:
         harmonics = count_harmonics(region, robot, design.limits, trajectory.duration)
@@ -241,6 +241,8 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         design = _design_motion(state, chosen, scale_progress(progress, 0.0, 0.5), speed)
         if (fitting := select(design.moves)) is not chosen:
             design = _design_motion(state, fitting, scale_progress(progress, 0.5, 1.0), speed)
+        if not state.runs and design.duration > state.seconds_left:
+            raise DynidentError(describe_short_time(design.duration, state.seconds_left))
         return PlannedRun(design, None)
     now, goal, runs = float(state.runs[-1].errors.max()), request.largest_error, request.runs - len(state.runs)
 
@@ -448,9 +450,9 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
         return Decision("out_of_time", f"{spent}. {stand}. Give more{larger}.{remarks}")
-    # The first motion, with a load the first one with it, is slow: its repetition says little of those to come.
+    # The first motion (with a load, too) is slow, and one search may end poorly: the second at full speed says more.
     n_before = state.request.unloaded_runs if state.request.goal == "payload" else 0
-    if planned is not None and measure is not None and len(state.runs) >= n_before + FEWEST_RUNS:
+    if planned is not None and measure is not None and len(state.runs) > n_before + FEWEST_RUNS:
         at_end = _predict_end(state, measure, planned)
         if (at_end > _BROKEN_PROMISE * goal).any():
             joint = int(np.argmax(at_end))

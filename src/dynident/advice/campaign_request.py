@@ -1,6 +1,6 @@
 """The request of a campaign: goal, robot time, what every motion must keep to; and how long its runs may be.
 
-Holds the default search time (8 s) and the fewest runs (2).
+Holds the default search (2 starts, 6 s at most) and the fewest runs (2).
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from dynident.excitation.design_request import (
     compute_planned_seconds,
 )
 from dynident.identification.identification_choices import IdentificationChoices
-from dynident.number_format import format_count, format_percent
+from dynident.number_format import format_count, format_number, format_percent
 from dynident.schema.fields import Choice, OneOf, Request, declare_field
 
-DESIGN_SECONDS = 8.0
-"""Time of the search for a motion, s, where neither it nor the number of starts is stated."""
+DESIGN_STARTS, DESIGN_SECONDS = 2, 6.0
+"""Starts of the search for a motion and its longest time, s, where neither is stated: more starts hardly ever found a
+motion that promises more, and on a robot of many joints two searches and all else take 15 s."""
 DecisionCode = Literal["next_run", "reached", "not_reachable", "out_of_time"]
 # Shares of the requested length that a run may have as well. The ends of a shorter run than the second are most of it:
 # filters take some tenths of a second from either.
@@ -41,6 +42,17 @@ GOALS = OneOf(
     Choice("payload", "payload", "Mass and centre of a load on the last link, each to within its own error."),
 )
 
+
+MOTION_WORDS = {
+    "duration": "Duration of one period of the longest run, without the moves from and to home; a run may take half or "
+    "a quarter of it",
+    "periods": "Number of periods of the longest run",
+    "time_budget": f"Time limit of each search for a motion; by default {DESIGN_SECONDS:g}, if no number of starts is "
+    "stated",
+    "starts": f"Number of starts of each search for a motion; by default {DESIGN_STARTS}, or as many as the time "
+    "allows",
+}
+"""What options of a design mean in a campaign, where that is something else than for a single design."""
 
 LOAD_QUANTITIES = {"mass": "Mp", "centre_x": "MXp", "centre_y": "MYp", "centre_z": "MZp"}
 """What can be known of a load, with the parameter of the effect `payload` that tells it."""
@@ -155,6 +167,14 @@ def describe_first_run(goal: str) -> str:
     return "Make the first run: nothing is known yet." + (" Leave the load off." if goal == "payload" else "")
 
 
+def describe_short_time(needed: float, given: float) -> str:
+    """Return what is wrong with a time that is too short for the first run; moves are known once it is designed."""
+    return (
+        f"The shortest run takes {format_number(needed)} s with its moves from and to home, and all runs together may "
+        f"take {format_number(given)} s; give more minutes or shorter runs."
+    )
+
+
 def describe_broken_promise(promised: float, left: float, name: str) -> str:
     """Return a sentence on a run that left a larger error than promised."""
     return (
@@ -204,6 +224,13 @@ class Decision:
 
 
 NOTHING_DECIDED = Decision("next_run", "")
+
+
+def limit_search(design: DesignRequest) -> DesignRequest:
+    """Return a design with the default search of a campaign where neither starts nor a time are stated."""
+    if design.time_budget is None and design.starts is None:
+        return replace(design, starts=DESIGN_STARTS, time_budget=DESIGN_SECONDS)
+    return design
 
 
 def list_designs(longest: DesignRequest) -> tuple[DesignRequest, ...]:

@@ -18,7 +18,6 @@ from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
-from dynident.export import ExportedFile, PredictingModel, TorquePredictor, export_model
 from dynident.export.export_request import ENDINGS
 from dynident.file_output import check_ending, write_atomically
 from dynident.identification import Estimate
@@ -36,6 +35,7 @@ from dynident.robot import Robot
 from dynident.verdict import explain_stop
 
 if TYPE_CHECKING:
+    from dynident.export import ExportedFile, TorquePredictor
     from dynident.simulation import Simulated
 
 
@@ -224,6 +224,9 @@ class ModelResults(ParameterStatistics):
         >>> predictor = model.predictor()  # doctest: +SKIP
         >>> torque = predictor.step(q, dq, ddq)  # (n,), once for every sample  # doctest: +SKIP
         """
+        # Imported here: a model that is not exported needs none of the formats and of their packages.
+        from dynident.export import PredictingModel
+
         return PredictingModel.from_identification(self.identification).predictor()
 
     def gravity(self, q: ArrayLike) -> FloatArray:
@@ -388,6 +391,8 @@ class ModelResults(ParameterStatistics):
         --------
         >>> model.export("arm.urdf").notes  # doctest: +SKIP
         """
+        from dynident.export import export_model
+
         path = check_ending(path, tuple(ENDINGS))
         reason = explain_stop(self.identification)
         if reason and not anyway:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 from dynident.api.argument_checks import CheckedResult, check_arguments, require
+from dynident.api.proposed_metadata import ProposalReader, word_question
 from dynident.api.recording_collection import CheckedRecording, Recordings, RecordingSource
 from dynident.api.recordings_in_memory import RecordingData, SourceFile, TemporaryFile, open_recording_source
 from dynident.api.robot_files import DriveGains, set_drive_gains
@@ -95,7 +96,7 @@ class InspectedFile(CheckedResult):
         ]
         left_out = len(self.guesses) - _SHOWN
         lines += [f"  … and {left_out} more (.guesses)"] if left_out > 0 else []
-        lines += [f"  ? {_format_question(question)}" for question in self.questions]
+        lines += [f"  ? {word_question(question)}" for question in self.questions]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -103,7 +104,7 @@ class InspectedFile(CheckedResult):
             render_paragraph(self._format_head(), strong=True),
             build_guess_table(self.guesses, write_argument).to_html() if self.guesses else "",
             render_paragraph("Questions to answer:") if self.questions else "",
-            render_list(_format_question(question) for question in self.questions),
+            render_list(word_question(question) for question in self.questions),
         )
 
     def _format_head(self) -> str:
@@ -165,11 +166,6 @@ def inspect(
     return InspectedFile(inspect_file(source.path, machine, rate), rate, source.owner)
 
 
-def _format_question(question: Question) -> str:
-    detail = word_remedies(question.detail, question.remedies, write_argument)
-    return f"{question.field}: {detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
-
-
 @check_arguments
 def read_recordings(
     *sources: RecordingData,
@@ -184,12 +180,12 @@ def read_recordings(
 ) -> Recordings:
     """Read recordings from files, data frames or arrays, and check them for common faults.
 
-    Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. The
-    arguments apply to all files of a call: read files that differ by a call each, and join the results with +.
+    Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. Others
+    are read as `inspect` proposes, and a finding says so; an open question is an error. The arguments apply to all
+    files of a call: read files that differ by a call each, and join the results with +.
 
-    A checked recording is a Parquet file in SI units on an even grid of time, since it may be larger than memory. That
-    file is temporary (`TMPDIR` says where): it is removed when nothing that reads it is left, at the latest when Python
-    ends. `Recordings.save` keeps it.
+    A checked recording is a temporary Parquet file (`TMPDIR` says where) in SI units on an even grid of time, since it
+    may be larger than memory: it is removed when nothing that reads it is left. `Recordings.save` keeps it.
 
     Parameters
     ----------
@@ -225,7 +221,7 @@ def read_recordings(
     Raises
     ------
     DynidentError
-        For a file that is not there, or no file at all.
+        For a file that is not there, or no file at all; with the questions that a proposal leaves open.
     RecordingError
         Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
 
@@ -247,17 +243,19 @@ def read_recordings(
     files = [open_recording_source(source, robot) for source in sources]
     machine = robot if drive_gains is None else set_drive_gains(robot, drive_gains)
     stated = metadata or RecordingMetadata()
-    if columns is not None:
-        stated = replace(stated, columns=dict(columns))
-    if units is not None:
-        stated = replace(stated, units=dict(units))
+    own = stated.columns if columns is None else dict(columns)
+    stated = replace(stated, columns=own, units=stated.units if units is None else dict(units))
     if windows:
         stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
     names = make_unique_names([Path(file.name or stated.name) for file in files])
     metadata_of_files = [
         replace(stated, name=name, rate=file.rate or stated.rate) for file, name in zip(files, names, strict=True)
     ]
-    recordings = read_files(files, machine, metadata_of_files, cure=cure, progress=progress)
+    # Columns of the metadata are all of a file; the argument may state some.
+    is_whole = bool(stated.columns) and columns is None
+    reader = ProposalReader(machine, files, metadata_of_files, [is_whole] * len(files), cure)
+    recordings = read_files(files, machine, metadata_of_files, cure=cure, propose=reader.propose, progress=progress)
+    recordings = reader.report_columns(recordings)
     return recordings if drive_gains is None else recordings.report_unused_gains()
 
 
@@ -286,8 +284,7 @@ def read_files(
     write_remedy : function
         Returns a remedy as it is written in that front end: as an argument, as an option.
     propose : function, optional
-        Called with the number of a file without the usual columns, from 0: returns metadata to read it with, or the
-        same where there is nothing to propose.
+        Returns metadata to read file k without the usual columns with, or the same where there is nothing to propose.
     progress : function, optional
         Called with the fraction done and a message.
 

@@ -12,10 +12,10 @@ from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as compute
 import pyarrow.parquet as pq
 
 from dynident.errors import DynidentError, describe_value
+from dynident.recordings.arrow_tables import pc
 from dynident.recordings.csv_dialects import join_name_levels
 from dynident.recordings.file_names_and_digests import check_readable_path, split_path
 from dynident.robot import Robot
@@ -154,12 +154,12 @@ def _from_frame(frame: Any, get_name: Callable[[str], str]) -> pa.Table:
 
 def _read_decimal_commas(texts: pa.ChunkedArray) -> pa.ChunkedArray:
     """Return texts such as "-1,117" as numbers; other texts as they are, and those whose commas may part thousands."""
-    thousands = compute.match_substring_regex(texts, r"^[+-]?[1-9]\d{0,2}(,\d{3})+$")
-    commas = compute.match_substring(texts, ",")
-    if compute.all(compute.equal(thousands, commas)).as_py():
+    thousands = pc.match_substring_regex(texts, r"^[+-]?[1-9]\d{0,2}(,\d{3})+$")
+    commas = pc.match_substring(texts, ",")
+    if pc.all(pc.equal(thousands, commas)).as_py():
         return texts
     try:
-        return compute.replace_substring(texts, ",", ".").cast(pa.float64())
+        return pc.replace_substring(texts, ",", ".").cast(pa.float64())
     except pa.ArrowInvalid:
         return texts
 

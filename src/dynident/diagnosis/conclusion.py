@@ -9,7 +9,6 @@ import numpy as np
 
 from dynident.diagnosis.decision_levels import RULES
 from dynident.diagnosis.diagnosis_result import Adequacy, Conclusion, DetectionLimit, UnknownPattern
-from dynident.diagnosis.search.identifiability_and_invisible_effects import compute_error_ratio
 from dynident.effects import get_effect
 from dynident.identification import Identification
 from dynident.identification.recording_faults import CAUSES
@@ -44,7 +43,7 @@ def point_to_check(checks: Mapping[str, Sequence[Check]]) -> str:
 def compute_held_out_ratio(identification: Identification) -> float:
     """Return the error on held-out data over that of the fit, where joints move, each joint in units of its fit."""
     held_out = identification.held_out_moving
-    return math.nan if held_out is None else compute_error_ratio(held_out, identification.fit_moving)
+    return math.nan if held_out is None else held_out.compute_ratio_to(identification.fit_moving)
 
 
 def conclude(

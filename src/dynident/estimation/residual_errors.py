@@ -7,6 +7,7 @@ row as well, and counts once in the errors on all rows.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,14 @@ class Errors(KnownNames):
     def rms_total(self) -> float:
         """Root mean square of the residual over all equations and samples."""
         return float(np.sqrt(self.squares.sum() / max(float(self.counts.sum()), 1.0)))
+
+    def compute_ratio_to(self, fit: Errors) -> float:
+        """Return these errors over others, those of held-out data over those of the fit, each equation in units of it.
+
+        NaN where no equation has both.
+        """
+        known = (self.counts > 0) & (fit.counts > 0) & (fit.rms > 0)
+        return float(np.sqrt(np.mean((self.rms[known] / fit.rms[known]) ** 2))) if known.any() else math.nan
 
     def select(self, equations: BoolArray) -> Errors:
         """Return the errors of only these of the n equations (n,)."""

@@ -1,7 +1,7 @@
-"""The cache of compiled code on disk: its folder (`DYNIDENT_CACHE_DIR`) and its largest size (256 MB).
+"""The cache on disk of compiled code and passed checks: its folder (`DYNIDENT_CACHE_DIR`), its largest size (256 MB).
 
 The cache is a folder of the user's own: the operating system's folder for caches, or `DYNIDENT_CACHE_DIR` (empty:
-nothing is cached). Code that cannot be cached or read is compiled; this is no error.
+nothing is cached). What cannot be cached or read is computed; this is no error.
 """
 
 from __future__ import annotations
@@ -14,7 +14,11 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import platformdirs
+import scipy
+
+from dynident.version import __version__
 
 SETTING = "DYNIDENT_CACHE_DIR"
 _MOST_BYTES = 256 * 2**20
@@ -22,32 +26,41 @@ _MOST_BYTES = 256 * 2**20
 _DIGEST = sha256().digest_size
 
 
-def load_or_compile(text: str, compiled: Callable[[], bytes]) -> bytes:
-    """Return the machine code of a text: the cached one, or what `compiled` makes, which is cached from then on.
+def load_or_compute(text: str, compute: Callable[[], bytes]) -> bytes:
+    """Return what follows from a text: the cached bytes, or what `compute` makes, which is cached from then on.
 
     Parameters
     ----------
     text : str
-        What the code is made from, the names of compiler and processor included; its hash names the file.
-    compiled : function
-        Compiles the code; called only if none is cached.
+        All that the bytes follow from, of machine code the names of compiler and processor included; its hash names
+        the file.
+    compute : function
+        Makes the bytes; called only if none are cached.
 
     Returns
     -------
     bytes
-        An object file.
+        Such as an object file.
     """
     folder = code_folder()
     if folder is None:
-        return compiled()
+        return compute()
     path = folder / sha256(text.encode()).hexdigest()
     code = _read(path)
     if code is None:
-        code = compiled()
+        code = compute()
         with suppress(OSError):
             _write(path, code)
             _remove_old_files(folder)
     return code
+
+
+@cache
+def describe_library() -> str:
+    """Return sizes and times of this library's files, and versions: with others it may compute something else."""
+    root = Path(__file__).parents[1]
+    files = [(path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.py"))]
+    return f"{__version__} {np.__version__} {scipy.__version__} {files}"
 
 
 def code_folder() -> Path | None:

@@ -29,7 +29,7 @@ from llvmlite import binding as llvm
 
 from dynident.array_types import FloatArray
 from dynident.expressions import llvm_translation
-from dynident.expressions.code_cache import load_or_compile
+from dynident.expressions.code_cache import load_or_compute
 from dynident.expressions.llvm_translation import LIBRARY_FUNCTIONS, translate_to_llvm
 
 NUMBER = 8
@@ -178,7 +178,7 @@ def build_engine(write: Callable[[], str], optimisation: int = 0, *, key: str) -
         machine = _create_machine(optimisation)
         # The same assembly is other code by another compiler, or for another processor.
         head = f"{_read_versions()} {machine.triple} {' '.join(_detect_processor())} -O{optimisation}\n"
-        code = load_or_compile(head + key, lambda: machine.emit_object(llvm.parse_assembly(write())))
+        code = load_or_compute(head + key, lambda: machine.emit_object(llvm.parse_assembly(write())))
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()

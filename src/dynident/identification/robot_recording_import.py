@@ -5,15 +5,19 @@ Holds how many faults are cured one after the other (5).
 
 from __future__ import annotations
 
+import json
+import pickle
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
 from dynident.array_types import FloatArray
+from dynident.expressions.code_cache import describe_library, load_or_compute
 from dynident.identification.recording_faults import build_dynamics_checks
 from dynident.identification.recording_faults.column_faults import ColumnFault
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
@@ -39,6 +43,8 @@ from dynident.robot import Robot, coupling_matrix
 from dynident.robot.contacts import compute_contact_projection
 from dynident.robot.forward_kinematics import project_wrench
 from dynident.robot.pseudo_inertia import find_description_units
+
+_HASHED_AT_ONCE = 1 << 16  # rows
 
 
 def build_recorded_joints(robot: Robot) -> RecordedJoints:
@@ -112,10 +118,50 @@ def import_for_robot(
         destination,
         build_recorded_joints(robot),
         metadata=metadata,
-        against=build_dynamics_checks(robot) if robot.base == "fixed" else build_support_check(robot),
+        against=skip_passed_checks(robot) if robot.base == "fixed" else build_support_check(robot),
         progress=progress,
     )
     return recording, refute_clocks(robot, recording, checks)
+
+
+def skip_passed_checks(robot: Robot) -> ModelChecks:
+    """Return the checks against a robot's dynamics, which a recording that has passed them all does not have again.
+
+    What passed lies beside the compiled code, under a hash of the robot, the rows and this library. What did not pass
+    is checked each time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+    check = build_dynamics_checks(robot)
+
+    def check_unless_passed(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
+        checked: list[tuple[Check, ...] | None] = []
+
+        def find_passed() -> bytes:
+            checked.append(check(recording, q, tau))
+            items = checked[0] or ()
+            has_passed = all(item == Check(item.name, "ok", item.detail) for item in items)
+            return json.dumps([(item.name, item.detail) for item in items if has_passed]).encode()
+
+        passed = json.loads(load_or_compute(_hash_checked(robot, recording, q, tau), find_passed))
+        if checked or not passed:
+            return checked[0] if checked else check(recording, q, tau)
+        return tuple(Check(name, "ok", detail) for name, detail in passed)
+
+    return check_unless_passed
+
+
+def _hash_checked(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    """Return a hash of all that the checks depend on."""
+    described = [getattr(recording, field.name) for field in fields(recording) if field.name not in ("source", "path")]
+    digest = sha256(pickle.dumps((describe_library(), robot, described, list(q), list(tau))))
+    for rows in recording.source.rows(0, recording.n_samples, _HASHED_AT_ONCE):
+        for values in rows:
+            digest.update(b"" if values is None else values.tobytes())
+    return digest.hexdigest()
 
 
 def refute_clocks(robot: Robot, recording: Recording, checks: Sequence[Check]) -> tuple[Check, ...]:

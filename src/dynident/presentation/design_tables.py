@@ -13,7 +13,7 @@ from dynident.excitation import Design
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.identification import Identification
 from dynident.motion import Margin
-from dynident.number_format import format_count, format_number, format_percent
+from dynident.number_format import choose_time_unit, format_count, format_number, format_percent
 from dynident.presentation.labels import format_choice, get_effect_title
 from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 from dynident.robot import Robot
@@ -222,6 +222,7 @@ def build_campaign_table(
         Names of the robot's joints.
     """
     rows, seconds, targets = [], 0.0, list_targets(request, joints)
+    unit, scale = choose_time_unit(sum(run.seconds for run in runs))
     for run in runs:
         seconds += run.seconds
         worst = int(np.argmax(run.errors))
@@ -229,7 +230,7 @@ def build_campaign_table(
         rows.append(
             (
                 Cell(run.name),
-                make_number_cell(seconds / 60.0, 3),
+                make_number_cell(seconds / scale, 3),
                 make_percent_cell(None if run.promised is None else float(run.promised.max())),
                 make_percent_cell(None if run.predicted is None else float(run.predicted.max())),
                 make_percent_cell(float(run.parameters.max())),
@@ -240,7 +241,7 @@ def build_campaign_table(
             )
         )
     columns = (
-        "run", "robot time so far (min)", "promised", "error on this run before it was fitted", "from uncertainty",
+        "run", f"robot time so far ({unit})", "promised", "error on this run before it was fitted", "from uncertainty",
         "lacking in the model", "error", MEASURES[request.goal][1], "effects added",
     )  # fmt: skip
     note = f"{MEASURES[request.goal][0]}; the motion promised it before it was made."

@@ -14,14 +14,17 @@ from typing import Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.file_output import write_atomically
+from dynident.lazy_loader import LazyModule
 from dynident.text_encoding import escape_surrogates
+
+pc = LazyModule("pyarrow.compute")
+"""Arrow's functions of columns. Tables of plain numbers need none of them, and they take long to import."""
 
 READ_BYTES = 1 << 16
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"

@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from dynident.array_types import IntArray
-from dynident.recordings.arrow_tables import from_numbers, is_list, parse_numbers
+from dynident.recordings.arrow_tables import from_numbers, is_list, parse_numbers, pc
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.time_columns import ClockOfDay, is_time_name
 from dynident.recordings.units import are_times, are_times_of_day, parse_seconds

@@ -3,7 +3,9 @@
 The standard deviations of an identification are computed, not drawn: by the jackknife over blocks, with the weights of
 the equations and the columns of shape constants as they are at the estimate. Draws weigh the equations anew. Both are
 from the same blocks, which know a deviation to a share of 1 / sqrt(2 ν), with the ν degrees of freedom of its variance:
-where they differ by more than twice that, the deviation depends on how it is computed.
+where they differ by more than twice that, the deviation depends on how it is computed. Blocks that depend on their
+neighbours make a computed deviation larger, and draws of single blocks leave that out: by so much, drawn ones may be
+smaller.
 """
 
 from __future__ import annotations
@@ -12,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.array_types import FloatArray
 from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap_estimates
 from dynident.estimation.block_bootstrap import DRAWS
-from dynident.estimation.parameter_covariance import find_occupied_blocks
+from dynident.estimation.parameter_covariance import estimate_cluster_covariance, find_occupied_blocks
 from dynident.estimation.residual_correlation import FEWEST_BLOCKS
 from dynident.identification import Identification
 from dynident.identification.shape_constant_intervals import linearise_shapes
@@ -25,9 +28,6 @@ from dynident.progress import Progress, ignore_progress
 
 # Deviations differ where their ratio is off by more than so many of its own standard deviations.
 _TWICE = 2.0
-_NEIGHBOURS = 0.5
-"""Ratio down to which the correlation of neighbouring blocks explains it: the computed deviation has it, and draws of
-single blocks leave it out."""
 _MOST_OUTSIDE = 0.1
 """Share of the parameters that may be outside: of deviations known so well, one in twenty would be by chance."""
 
@@ -139,13 +139,26 @@ def validate_bootstrap(
     # number of draws.
     error = 1.0 / np.sqrt(2.0 * draws)
     width = _TWICE * np.sqrt(1.0 / (2.0 * statistics.freedom) + error**2)
-    values = zip(names, units, statistics.standard_deviations, result.deviations, width, strict=True)
+    computed = statistics.standard_deviations
+    low = _compute_share_of_single_blocks(identification, reduction, solution, computed) / (1.0 + width)
     parameters = tuple(
-        DrawnParameter(name, unit, float(own), float(drawn), float(_NEIGHBOURS / (1.0 + wide)), float(1.0 + wide))
-        for name, unit, own, drawn, wide in values
+        DrawnParameter(name, unit, *map(float, values))
+        for name, unit, *values in zip(names, units, computed, result.deviations, low, 1.0 + width, strict=True)
     )
     judged = _judge_deviations(parameters, result, stretches)
     return BootstrapValidation(parameters, result.kind, stretches, draws, result.lost, judged)
+
+
+def _compute_share_of_single_blocks(
+    identification: Identification, reduction: Reduction, solution: Solution, computed: FloatArray
+) -> FloatArray:
+    """Return what is left of the computed deviations (c,) where no block depends on its neighbours, 1 at most."""
+    kind = identification.choices.covariance
+    if kind == "independent":
+        return np.ones(len(computed))
+    single = estimate_cluster_covariance(reduction, solution, kind).covariance
+    deviations = np.sqrt(np.maximum(np.diag(single), 0.0))
+    return np.minimum(np.divide(deviations, computed, out=np.ones_like(computed), where=computed > 0), 1.0)
 
 
 def _find_obstacle(identification: Identification, stretches: int) -> str:

@@ -112,7 +112,7 @@ class MomentumObserver:
         """Begin a new motion, at rest and without contact."""
         self._memory = MemoryStates(self._memory_signals)
         self._before: tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None = None
-        self._since_slow = np.zeros(self._robot.n)
+        self._since_slow = np.zeros(self._robot.n, dtype=np.intp)  # rows
 
     def step(self, q: FloatArray, tau: FloatArray) -> FloatArray:
         """Return the residual (n,) after the next sample: positions q (n,) and motor torques tau (n,)."""
@@ -152,11 +152,10 @@ class MomentumObserver:
         return ObservedContacts(residual, smooth[0], dq, self._find_slow(dq))
 
     def _find_slow(self, dq: FloatArray) -> BoolArray:
-        slow, settled = np.empty(dq.shape, dtype=bool), SETTLED / self.gain
-        for k, row in enumerate(np.abs(dq) < SLOW):
-            self._since_slow = np.where(row, 0.0, self._since_slow + self.period)
-            slow[k] = self._since_slow < settled
-        return slow
+        rows = np.arange(len(dq))[:, None]
+        last_slow = np.maximum.accumulate(np.where(np.abs(dq) < SLOW, rows, -1 - self._since_slow))
+        self._since_slow = rows[-1] - last_slow[-1]
+        return (rows - last_slow) * self.period < SETTLED / self.gain
 
 
 def _run_first_order(pole: float, inputs: FloatArray, before: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.advice.campaign_request import MEASURES, CampaignRequest
+from dynident.advice.campaign_request import MEASURES, MOTION_WORDS, CampaignRequest
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
 from dynident_cli.commands.design import SafetyFiles
@@ -75,7 +75,7 @@ def campaign(
     robot: RobotArgument,
     effects: Effects,
     goal: Annotated[TypedValues, RequestOptions(CampaignRequest, but=("choices", "design"))],
-    motion: Annotated[TypedValues, RequestOptions(DesignRequest, but=_DECIDED)],
+    motion: Annotated[TypedValues, RequestOptions(DesignRequest, but=_DECIDED, words=MOTION_WORDS)],
     files: CampaignFiles,
     reading: RobotTimedReading,
 ) -> None:

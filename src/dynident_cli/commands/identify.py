@@ -284,9 +284,11 @@ def inspect(
 
     --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
+    from dynident.api.proposed_metadata import accept_proposal
     from dynident.file_output import write_atomically
     from dynident.identification.column_inference import inspect_file
-    from dynident_cli import argument_loading, command_output, contract_documents, metadata_files
+    from dynident_cli import argument_loading, command_output, contract_documents
+    from dynident_cli.request_options import write_option
 
     machine = None if robot is None else argument_loading.load_robot_argument(robot, additions)
     inspection = inspect_file(file, machine, rate)
@@ -294,9 +296,9 @@ def inspect(
         # An open question ends the command here, before anything is written.
         if as_proposed:
             # Gains belong to the robot, so the proposal for the file does not need them.
-            metadata_files.accept_proposal(file, inspection, has_gains=True)
+            accept_proposal(file.name, inspection, has_gains=True, write=write_option)
         if out is not None:
-            document = json.dumps(metadata_files.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
+            document = json.dumps(argument_loading.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
             write_atomically(out, encode_text(f"{document}\n"))
     messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
     command_output.print_result(
@@ -308,9 +310,10 @@ def inspect(
 
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
+    from dynident.api.proposed_metadata import describe_answer
     from dynident.errors import word_remedies
     from dynident.presentation.recording_tables import build_guess_table
-    from dynident_cli import command_output, metadata_files
+    from dynident_cli import command_output
     from dynident_cli.request_options import write_option
 
     console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
@@ -324,7 +327,7 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
         detail = word_remedies(question.detail, question.remedies, write_option)
         console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
-        if answer := metadata_files.describe_answer(question):
+        if answer := describe_answer(question, write_option):
             console.print(f"    → {answer}", soft_wrap=True, markup=False)
     if not inspection.proposal.questions:
         console.print("No question is open: identify reads the file like this.")

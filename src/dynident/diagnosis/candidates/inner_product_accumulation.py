@@ -30,7 +30,6 @@ from dynident.diagnosis.candidates.time_blocks_and_folds import (
 )
 from dynident.diagnosis.comparison.repeated_motion import Repeat, find_periods
 from dynident.effects import Signals
-from dynident.estimation import Reduction
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase, compute_smear_width
@@ -461,29 +460,3 @@ def _locate_columns(columns: IndexArray, count: int) -> IndexArray:
     where = np.full(count, -1, dtype=np.intp)
     where[columns] = np.arange(len(columns))
     return where
-
-
-# A pause of this share of all the time parts two runs.
-_PAUSE = 0.1
-
-
-def products_from_reduction(reduction: Reduction) -> Products:
-    """Return inner products from triangular factors."""
-    grams, position = [], []
-    for equation in reduction.equations:
-        # RᵀR are the products of the rows that were reduced to R.
-        grams.append(equation.factors.transpose(0, 2, 1) @ equation.factors)
-        where = np.full(reduction.n_columns, -1, dtype=np.intp)
-        where[equation.columns] = np.arange(len(equation.columns))
-        position.append(where)
-    counts = np.array([equation.counts for equation in reduction.equations]).T.astype(np.float64)
-    return Products.from_grams(grams, position, counts, number_runs(reduction.spans))
-
-
-def number_runs(spans: FloatArray) -> IndexArray:
-    """Return the number (s,) of the run of every block, whose first and last times are spans (s, 2)."""
-    pause = spans[1:, 0] - spans[:-1, 1]
-    least = _PAUSE * float((spans[:, 1] - spans[:, 0]).sum())
-    # Time that goes back belongs to another recording, with a clock of its own.
-    starts = (pause > least) | (spans[1:, 0] < spans[:-1, 0])
-    return np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)

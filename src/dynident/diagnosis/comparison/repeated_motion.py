@@ -302,9 +302,11 @@ def _find_departure_lag(track: Track) -> float | None:
 def _find_lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = None) -> list[float]:
     """Return lags in s at which the two motions are most alike, best first, from `smallest` on where it is given."""
     step = a.step
-    # Both motions on one grid of time, as the distances at all lags need it.
+    # Both motions on one grid of time, as the distances at all lags need it. Straight lines tell which lags are worth a
+    # closer look; the spline, whose package takes long to import, is for that look.
     t_b = np.arange(b.t[0], b.t[-1] + 1e-9, step)
-    distance = _compute_distances(a.q, b.q if b is a else b.curve(t_b))
+    on_grid = b.q if b is a else np.column_stack([np.interp(t_b, b.t, joint) for joint in b.q.T])
+    distance = _compute_distances(a.q, on_grid)
     lags = np.arange(-len(a.t) + 1, len(t_b) if b is not a else len(a.t))
     overlap = np.minimum(len(a.t), len(t_b) - lags) - np.maximum(0, -lags)
     long_enough = overlap[: len(distance)] * step >= max(_SHORTEST, 0.2 * min(_get_duration(a), _get_duration(b)))

@@ -8,6 +8,7 @@ Stability: the same name is found where blocks of time are drawn anew, and where
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -46,14 +47,20 @@ def compute_stability(names: Sequence[ScoredCandidate], rivals: Sequence[ScoredC
     margins = np.array([[_compute_margin(name, rival) for rival in rivals] for name in names])
     s = len(names[0].gains)
     # Bootstrap: how often each block is drawn stands for the block itself, since gains are sums over blocks.
-    drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
-    share = _compute_share_ahead(margins, drawn)
+    share = _compute_share_ahead(margins, _draw_counts(s))
     runs = np.unique(run)
     if len(runs) < 2:
         return share
     without = np.array([run != left_out_run for left_out_run in runs], dtype=np.float64)
     # Leaving out a run is the harder test: blocks of one run resemble each other.
     return min(share, _compute_share_ahead(margins, without))
+
+
+@lru_cache(4)
+def _draw_counts(n_blocks: int) -> FloatArray:
+    """Return (draws, s): how often each block is in each draw, which is the same for all candidates."""
+    drawn = np.random.default_rng(_SEED).multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=_DRAWS)
+    return drawn.astype(np.float64)
 
 
 def _compute_share_ahead(margins: FloatArray, counts: FloatArray) -> float:

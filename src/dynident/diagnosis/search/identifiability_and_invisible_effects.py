@@ -21,7 +21,7 @@ from dynident.diagnosis.outcome_reasons import CandidateOutcome, Reason
 from dynident.diagnosis.search.search_state import State
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, EstimationError, Reduction, solve_weighted
+from dynident.estimation import EstimationError, Reduction, solve_weighted
 from dynident.estimation.least_squares import compute_noise_levels
 from dynident.estimation.outlying_spans import OUTLYING_RATIO
 from dynident.identification import Identification, IdentificationChoices
@@ -328,14 +328,8 @@ def list_unconfirmed(grown: Identification, choices: Sequence[EffectChoice]) -> 
 
 def _is_disturbed(training: Reduction, held_out: Reduction, values: FloatArray) -> bool:
     """Return whether held-out rows as a whole stand out from those of the fit as much as a disturbed span."""
-    errors = (compute_moving_errors(reduction, values) for reduction in (held_out, training))
-    return compute_error_ratio(*errors) ** 2 > OUTLYING_RATIO
-
-
-def compute_error_ratio(held_out: Errors, fit: Errors) -> float:
-    """Return the error on held-out data over that of the fit, each joint in units of its fit; NaN without either."""
-    known = (held_out.counts > 0) & (fit.counts > 0) & (fit.rms > 0)
-    return float(np.sqrt(np.mean((held_out.rms[known] / fit.rms[known]) ** 2))) if known.any() else math.nan
+    errors, of_fit = (compute_moving_errors(reduction, values) for reduction in (held_out, training))
+    return errors.compute_ratio_to(of_fit) ** 2 > OUTLYING_RATIO
 
 
 def _solve_with(problem: Problem, columns: Sequence[int]) -> FloatArray | None:

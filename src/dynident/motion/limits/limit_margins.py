@@ -17,8 +17,8 @@ from dynident.motion.joint_trajectories import Family, Motion
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
 from dynident.motion.limits.postures_within_limits import CENTRAL_SHARE
 
-# Twelve halvings give the amplitude to a four-thousandth.
-_BISECTIONS = 12
+# Twelve halvings give the amplitude to a four-thousandth; six of a motion that is only compared, to a sixtieth.
+_BISECTIONS, _COARSE_BISECTIONS = 12, 6
 # Between so many samples a wave of the highest frequency exceeds its value at them by less than a thousandth.
 _SAMPLES_PER_WAVE = 80
 
@@ -40,6 +40,7 @@ class AmplitudeScaler:
 
     def __init__(self, family: Family, bounds: Bounds, model: TorqueModel, *, fine: bool = True) -> None:
         self._bounds, self._model = bounds, model
+        self._bisections = _BISECTIONS if fine else _COARSE_BISECTIONS
         count = _SAMPLES_PER_WAVE * family.waves if fine else 2 * _SAMPLES_PER_WAVE
         self._basis = family.basis(np.arange(count) * family.period / count)[:4]
 
@@ -109,7 +110,7 @@ class AmplitudeScaler:
             return None
         low, high = 0.0, most
         # Torque and clearances are not linear in the amplitude: bisect. The lower end always keeps the limits.
-        for _ in range(_BISECTIONS):
+        for _ in range(self._bisections):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if keeps_limits(middle) else (low, middle)
         # Zero would be no motion at all.

@@ -15,9 +15,9 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-import pyarrow.compute as pc
 
 from dynident.array_types import FloatArray
+from dynident.recordings.arrow_tables import pc
 from dynident.recordings.cells_without_numbers import find_label_columns, join_labels
 from dynident.recordings.file_size_limits import (
     MOST_COLUMNS,

@@ -13,6 +13,7 @@ from dynident.advice.campaign import CampaignState
 from dynident.advice.campaign_request import MEASURES
 from dynident.array_types import FloatArray
 from dynident.excitation import Design
+from dynident.number_format import choose_time_unit
 from dynident.presentation.labels import get_effect_title
 from dynident.reports.figures.signals_over_time import find_extremes
 from dynident.reports.figures.svg import (
@@ -176,8 +177,7 @@ def draw_campaign(state: CampaignState) -> Markup:
     figure, grid = make_panels(1, 1, 3.2, margins=Margins(left=0.8, right=0.3))
     axes = grid[0][0]
     seconds = np.cumsum([run.seconds for run in state.runs])
-    # As on the page: short campaigns take a fraction of a minute.
-    unit, scale = ("s", 1.0) if seconds[-1] < 120 else ("min", 60.0)
+    unit, scale = choose_time_unit(float(seconds[-1]))
     elapsed = seconds / scale
     reached = 100 * np.array([run.errors.max() for run in state.runs])
     axes.plot(elapsed, reached, color=RESIDUAL, marker="o", linewidth=1.6, label="reached")

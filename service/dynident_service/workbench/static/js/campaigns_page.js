@@ -19,6 +19,9 @@ const WORDS = { asking: "the next motion is to be designed", designing: "the nex
 const BOXES = { reached: "good", unreachable: "warning", stopped: "warning" };
 // What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
 const OPEN = ["robot_time", "runs", "duration", "sampling_rate"];
+// A campaign plans motions of all joints at once: what belongs to other kinds of designs is not asked.
+const OF_OTHER_KINDS = ["sets", "speeds", "amplitudes", "joints"];
+const LONGEST = { duration: "Period of the longest run; a run may take half or a quarter of it", periods: "Number of periods of the longest run" };
 const GOALS = { TorqueGoal: "torque is predicted well", ParametersGoal: "parameters are known well", EffectsGoal: "effects are found or ruled out", PayloadGoal: "a load on the last link is known well" };
 const WORST = { torque: "joint", parameters: "parameter", effects: "effect", payload: "quantity" };
 // What the virtual robot has where nothing else is said, and the load that is looked for.
@@ -50,6 +53,11 @@ export async function page(target, wanted, signal) {
     await campaignForm(robots, wanted.robot));
 }
 
+/** Fields that mean something else here than elsewhere. */
+function inWords(fields, words) {
+  return Object.fromEntries(Object.entries(fields).map(([id, schema]) => [id, words[id] ? { ...schema, description: words[id] } : schema]));
+}
+
 async function campaignForm(robots, chosen) {
   const kinds = Object.keys(GOALS);
   const [budget, trajectory, own, ...goals] = await Promise.all(["Budget", "Trajectory", "CampaignRequest", ...kinds].map(fieldsOf));
@@ -59,7 +67,7 @@ async function campaignForm(robots, chosen) {
   const around = await obstacles({}, prefix);
   const groups = {
     budget: controls(budget, { pointer: "/budget", prefix }),
-    trajectory: controls(trajectory, { pointer: "/trajectory", prefix }),
+    trajectory: controls(inWords(trajectory, LONGEST), { but: OF_OTHER_KINDS, pointer: "/trajectory", prefix }),
   };
   const rest = controls(own, { but: ["robot_id", "name", "measurement_ids"], prefix });
   const [open, folded] = sorted([...Object.values(groups).flat(), ...rest], OPEN);

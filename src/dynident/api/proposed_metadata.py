@@ -1,58 +1,40 @@
-"""Read `--metadata` files, and write what `dynident inspect --out` proposes, with answers to its questions.
+"""Read files of other loggers with the columns that are proposed for them, where no question is open.
 
-Holds which questions `--cure` leaves open: gravity and joint zeros.
+Holds which questions a cure leaves open: gravity and joint zeros.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
-from typing import Any, get_args
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from dynident.errors import DynidentError, word_remedies
-from dynident.identification.column_inference import EffortKind, Inspection, Proposal, Question
-from dynident.recordings import RecordingMetadata
+from dynident.api.recording_collection import Recordings
+from dynident.api.recordings_in_memory import SourceFile
+from dynident.errors import DynidentError, Remedy, word_remedies, write_argument
+from dynident.identification.column_inference import Inspection, Proposal, Question, inspect_file
+from dynident.recordings import Check, RecordingMetadata
+from dynident.recordings.file_names_and_digests import check_readable_path
 from dynident.recordings.units import JOINT_KINDS
-from dynident_cli.contract_documents import parse_metadata
-from dynident_cli.option_parsers import read_json_object
-from dynident_cli.request_options import write_option
+from dynident.robot import Robot
 
 OPEN_QUESTIONS = "Open questions"
 """Title of the error of a file that cannot be used as proposed."""
 NEEDED_FOR_GAINS = "drives"
 """The question that asks for drive gains, which belong to the robot and not to the file."""
-_IGNORED_KEYS = ("questions", "name", "format")
-"""Keys of such a file that are no metadata."""
 _CORRECTIONS = ("permutation", "signs", "scale", "zeros", "torque_delay")
 """Metadata by which a file states what a check of the dynamics proposes."""
 _NOT_CURED = ("gravity", "zeros")
-"""Questions about the robot as much as about the file: `--cure` leaves them open."""
+"""Questions about the robot as much as about the file: a cure leaves them open."""
 _ABOUT_EFFORT = ("effort_kind", "units/tau")
 """What questions about the kind and the unit of efforts begin with; a single joint's has its number behind it."""
-_OTHER_SOURCES = ("name", "format", "role", "accept")
-"""Metadata that the file itself tells, or that have options or commands of their own."""
 
-
-def proposal_document(inspection: Inspection, rate: float | None = None) -> dict[str, object]:
-    """Return the proposed metadata as a JSON object, with the open questions."""
-    assert inspection.proposal is not None
-    return {
-        "format": inspection.format,
-        "columns": dict(inspection.proposal.columns),
-        "units": dict(inspection.proposal.units),
-        "windows": [],
-        **({} if rate is None else {"rate": rate}),
-        "effort_kind": inspection.proposal.effort_kind,
-        "questions": [
-            {"field": question.field, "detail": question.detail} for question in inspection.proposal.questions
-        ],
-    }
+Writer = Callable[[Remedy], str]
+"""Writes a remedy in the syntax of a front end: as an argument, as an option."""
 
 
 @dataclass(frozen=True)
 class StatedAnswers:
-    """Answers to questions of a proposal: columns, units, checks to accept, whether to cure, and a metadata file."""
+    """Answers to questions of a proposal: columns, units, checks to accept, whether to cure, and other metadata."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
@@ -62,7 +44,7 @@ class StatedAnswers:
 
     @property
     def are_currents(self) -> bool:
-        """Whether a metadata file says that the efforts are currents, and no option names their columns or unit.
+        """Whether the metadata say that the efforts are currents, and no answer names their columns or unit.
 
         Drive gains alone do not say so: the proposal has currents where the gains make the torque of the description
         of them, and without masses nothing shows that.
@@ -71,7 +53,7 @@ class StatedAnswers:
         return self.metadata.effort_kind == "motor_current" and not is_named
 
     def is_answered(self, question: Question) -> bool:
-        """Tell whether these options answer a question."""
+        """Tell whether these answers have one to a question."""
         if question.field in ("effort_kind", "units/tau") and any(
             _signal_kind(signal) == "current" for signal in self.columns
         ):
@@ -96,47 +78,6 @@ class StatedAnswers:
         if question.field == "columns/tau" and any(_signal_kind(signal) == "current" for signal in answered):
             return True
         return any(not key or _signal_kind(signal) == _signal_kind(key) for signal in answered)
-
-
-_ANSWERS = {
-    ("drives", False): "--drive-gains G1,G2,…",
-    ("columns/t", True): "--columns t=COLUMN, or --rate HZ",
-    ("columns/base_qx", True): "--columns base_qx=COLUMN,base_qy=COLUMN,…",
-    ("effort_kind", False): (
-        '--columns tau1=COLUMN,…, or --metadata FILE with {"effort_kind": "joint_torque"} if they were measured all '
-        "the same, as where a maker calls the torque of the drives a reference"
-    ),
-}
-"""Options that answer questions, by field and whether the question has choices."""
-
-
-def describe_answer(question: Question) -> str:
-    """Return the options that answer a question, as they are typed; "" where no option does."""
-    about, _, key = question.field.partition("/")
-    if question.check:
-        mends = [write_option(remedy) for remedy in question.remedies]
-        if question.field == "units/tau":
-            mends += [
-                "--units tau=UNIT",
-                "--drive-gains G1,… in N m per unit of these numbers (of motors' torques: the gear ratios)",
-            ]
-        # What mends it comes first: to accept it is right only where nothing is wrong.
-        return ", or ".join([*mends, f"--accept {question.check} if the recording is right as it is"])
-    if about == "units" and key and question.choices:
-        options = [f"--units {key}={choice!r}" if " " in choice else f"--units {key}={choice}"
-                   for choice in question.choices[:3]]  # fmt: skip
-        others = {"t": "--rate HZ", "tau": "--drive-gains G1,…"}
-        return " or ".join([*options, others[key]] if key in others else options)
-    if (question.field, bool(question.choices)) in _ANSWERS:
-        return _ANSWERS[question.field, bool(question.choices)]
-    if about == "effort_kind" and question.choices:
-        return f"--metadata FILE with effort_kind: {' or '.join(question.choices)}"
-    if about == "columns" and key and question.choices:
-        if " … " in question.choices[0]:
-            # The choices are whole sets of columns, from the first joint's to the last one's.
-            return f"--columns {key}1={question.choices[0].partition(' … ')[0]},{key}2=…"
-        return f"--columns {key}1=COLUMN,{key}2=COLUMN,…"
-    return ""
 
 
 def _signal_kind(key: str) -> str:
@@ -199,18 +140,72 @@ def _name_effort(ours: str) -> str:
     return _name_current(ours) if _signal_kind(ours) == "tau" else ours
 
 
+def describe_answer(question: Question, write: Writer = write_argument) -> str:
+    """Return what answers a question, as it is written in a front end; "" where nothing that can be written does."""
+    about, _, key = question.field.partition("/")
+    gains = f"{write(Remedy('drives'))} in N m (N) per unit of these numbers"
+    if question.check:
+        mends = [write(remedy) for remedy in question.remedies]
+        if question.field == "units/tau":
+            mends += [write(Remedy("units", {"tau": ...})), f"{gains} (of motors' torques: the gear ratios)"]
+        # What mends it comes first: to accept it is right only where nothing is wrong.
+        accept = write(Remedy("accept", (question.check,)))
+        return ", or ".join([*mends, f"{accept} if the recording is right as it is"])
+    if about == "drives":
+        return gains
+    if about == "units" and key and question.choices:
+        others = {"t": write(Remedy("rate")), "tau": gains}
+        options = [write(Remedy("units", {key: choice})) for choice in question.choices[:3]]
+        return " or ".join([*options, others[key]] if key in others else options)
+    if about == "effort_kind" and question.choices:
+        return " or ".join(write(Remedy("effort_kind", choice)) for choice in question.choices)
+    if about == "effort_kind":
+        measured = write(Remedy("effort_kind", "joint_torque"))
+        return (
+            f"{write(Remedy('columns', {'tau1': ...}))}, or {measured} if they were measured all the same, as where a "
+            "maker calls the torque of the drives a reference"
+        )
+    if about != "columns" or not question.choices:
+        return ""
+    if key == "t":
+        return f"{write(Remedy('columns', {'t': ...}))}, or {write(Remedy('rate'))}"
+    if key == "base_qx":
+        return write(Remedy("columns", {"base_qx": ..., "base_qy": ..., "base_qz": ..., "base_qw": ...}))
+    # Choices may be whole sets of columns, from the first joint's to the last one's.
+    first = question.choices[0].partition(" … ")[0] if " … " in question.choices[0] else ...
+    return write(Remedy("columns", {f"{key}1": first, f"{key}2": ...})) if key else ""
+
+
 def accept_proposal(
-    path: Path,
+    name: str,
     inspection: Inspection,
     *,
     has_gains: bool,
     answers: StatedAnswers | None = None,
     accepted: Sequence[RecordingMetadata] = (),
+    write: Writer = write_argument,
 ) -> RecordingMetadata:
-    """Accept proposed metadata as they are; an error where a question is open, as to accept would be a guess.
+    """Accept proposed metadata as they are.
 
-    `has_gains` says whether the robot states drive gains, or none are needed here; `answers` are options that answer
-    questions. What the content of a file leaves open is read as in one of the `accepted` with the same columns.
+    Parameters
+    ----------
+    name : str
+        What the file is called in an error.
+    inspection : Inspection
+        What was found in the file, with a proposal.
+    has_gains : bool
+        Whether the robot states drive gains, or none are needed here.
+    answers : StatedAnswers, optional
+        What was stated, which answers questions and goes before what is proposed.
+    accepted : sequence of RecordingMetadata
+        Those of other files: what the content of a file leaves open is read as in one of them with the same columns.
+    write : function
+        Writes the answers to open questions.
+
+    Raises
+    ------
+    DynidentError
+        Where a question is open, as to accept would be a guess.
     """
     assert inspection.proposal is not None
     proposal = inspection.proposal
@@ -227,21 +222,13 @@ def accept_proposal(
     ]
     # To go on would be a guess, of which the user would not learn.
     if open_questions:
-        question_list = "".join(
-            f"\n  {question.field}: {word_remedies(question.detail, question.remedies, write_option)}"
-            + (f" → {answer}" if (answer := describe_answer(question)) else "")
-            for question in open_questions
-        )
+        question_list = "".join(f"\n  {word_question(question, write)}" for question in open_questions)
         # Only what a check proposes is corrected unasked, and of the file alone.
         can_cure = any(question.is_curable and question.field not in _NOT_CURED for question in open_questions)
+        cure = f", or let dynident correct the file: {write(Remedy('cure'))}" if can_cure else ""
         raise DynidentError(
-            f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "
-            "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, "
-            f"{'with --cure, ' if can_cure else ''}or with --metadata FILE, a JSON object of effort_kind, signs, "
-            "scale, zeros, permutation or torque_delay. "
-            f"Or write the proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, "
-            "answer there (and empty its questions), and give it as --metadata.",
-            pointer=str(path),
+            f"{name} cannot be used as proposed; these questions are open:{question_list}\nState what is right{cure}.",
+            pointer=name,
             title=OPEN_QUESTIONS,
         )
     columns, units = dict(proposal.columns), dict(proposal.units)
@@ -252,13 +239,98 @@ def accept_proposal(
     # The user says that the effort columns are currents: the proposed torque columns would contradict that.
     if any(_signal_kind(signal) == "current" for signal in stated_answers.columns):
         columns = {ours: theirs for ours, theirs in columns.items() if _signal_kind(ours) != "tau"}
-    # What the metadata file says goes before what is proposed.
+    # What is stated goes before what is proposed.
     return replace(
         stated_answers.metadata,
         columns={**columns, **stated_answers.metadata.columns},
         units={**units, **stated_answers.metadata.units},
         effort_kind=stated_answers.metadata.effort_kind or ("motor_current" if are_currents else proposal.effort_kind),
     )
+
+
+def word_question(question: Question, write: Writer = write_argument) -> str:
+    """Return a question with what answers it."""
+    answer = describe_answer(question, write)
+    detail = word_remedies(question.detail, question.remedies, write)
+    return f"{question.field}: {detail}{f' → {answer}' if answer else ''}"
+
+
+@dataclass(frozen=True, eq=False)
+class ProposalReader:
+    """Proposes metadata for files of one robot; what one of them leaves open, another with the same columns answers.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that was recorded.
+    files : sequence of SourceFile
+        One recording each.
+    metadata : sequence of RecordingMetadata
+        What was stated of each of them, which answers questions.
+    is_whole : sequence of bool
+        Whether this names the columns of the file, so that nothing is proposed.
+    cure : bool
+        Whether faults are corrected that checks can correct.
+    write : function
+        Writes the answers to open questions.
+    accepted : dict of int to RecordingMetadata
+        What was proposed so far, by the number of the file.
+    """
+
+    robot: Robot
+    files: Sequence[SourceFile]
+    metadata: Sequence[RecordingMetadata]
+    is_whole: Sequence[bool]
+    cure: bool = False
+    write: Writer = write_argument
+    accepted: dict[int, RecordingMetadata] = field(default_factory=dict)
+
+    def propose(self, index: int) -> RecordingMetadata:
+        """Return the metadata to read a file with; an error with the questions that are open."""
+        if self.is_whole[index]:
+            return self.metadata[index]
+        file, stated = self.files[index], self.metadata[index]
+        check_readable_path(file.path)
+        # Which gains currents have is no open question where the robot knows them. That efforts are currents is
+        # another one, which gains do not answer.
+        has_gains = all(drive.gain is not None for drive in self.robot.drives)
+        self.accepted[index] = accept_proposal(
+            (stated.name if file.owner else None) or file.path.name,
+            inspect_file(file.path, self.robot, stated.rate, stated.columns),
+            has_gains=has_gains,
+            answers=StatedAnswers(stated.columns, stated.units, stated.accept, self.cure, stated),
+            accepted=tuple(self.accepted.values()),
+            write=self.write,
+        )
+        return self.accepted[index]
+
+    def propose_all(self) -> list[RecordingMetadata]:
+        """Return the metadata of all files: what one leaves open, a later one may answer."""
+        sure = [self._propose_if_sure(index) for index in range(len(self.files))]
+        return [known or self.propose(index) for index, known in enumerate(sure)]
+
+    def _propose_if_sure(self, index: int) -> RecordingMetadata | None:
+        try:
+            return self.propose(index)
+        except DynidentError as error:
+            if error.title != OPEN_QUESTIONS:
+                raise
+            return None
+
+    def report_columns(self, recordings: Recordings) -> Recordings:
+        """Return the recordings of all files, with a finding where columns were taken as proposed."""
+        items = list(recordings)
+        for index, stated in self.accepted.items():
+            note = Check("columns", "warning", f"Read as {describe_columns(stated)}.")
+            items[index] = replace(items[index], checks=(*items[index].checks, note))
+        return Recordings(tuple(items))
+
+    def describe_columns_of_files(self) -> list[str]:
+        """Describe which columns were taken as what, once for files that have the same."""
+        names_by_columns: dict[str, list[str]] = {}
+        for stated in self.accepted.values():
+            names_by_columns.setdefault(describe_columns(stated), []).append(stated.name or "")
+        return [f"Columns of {', '.join(names)} as proposed: {text}" for text, names in names_by_columns.items()]
 
 
 def describe_columns(metadata: RecordingMetadata) -> str:
@@ -272,46 +344,3 @@ def describe_columns(metadata: RecordingMetadata) -> str:
         span = columns[0] if len(set(columns)) == 1 else f"{columns[0]} … {columns[-1]}"
         parts.append(f"{kind}: {span}{f' ({unit})' if unit else ''}")
     return "; ".join(parts)
-
-
-def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
-    """Read metadata files, each FILE for all recordings or NAME=FILE for one, by the names of the recordings."""
-    metadata_by_name: dict[str, RecordingMetadata] = {}
-    for text in texts:
-        name, sign, path = text.partition("=")
-        # A path may hold "=" itself: only the name of a recording before it makes it NAME=FILE.
-        if sign and name in names:
-            metadata_by_name[name] = _read_metadata_file(Path(path))
-        else:
-            metadata_by_name |= dict.fromkeys(names, _read_metadata_file(Path(text)))
-    return metadata_by_name
-
-
-def _read_metadata_file(path: Path) -> RecordingMetadata:
-    document = read_json_object(path)
-    field_names = [
-        metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _OTHER_SOURCES
-    ]
-    if not set(document) <= {*field_names, *_IGNORED_KEYS}:
-        allowed = ", ".join((*field_names, *_IGNORED_KEYS))
-        raise DynidentError(
-            f"{path.name} does not contain metadata; it needs an object of {allowed}", pointer=str(path)
-        )
-    questions: Any = document.get("questions") or ()
-    # Drive gains belong to the robot: whether they are missing is found when the currents are read.
-    open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
-    if open_questions:
-        raise DynidentError(
-            f"{path.name} has an open question: {open_questions[0].get('detail', '')} Answer it and empty its "
-            "questions.",
-            pointer=str(path),
-            title=OPEN_QUESTIONS,
-        )
-    effort_kind = document.get("effort_kind")
-    if effort_kind is not None and effort_kind not in get_args(EffortKind):
-        raise DynidentError(
-            f"{path.name}: effort_kind is {effort_kind!r}; allowed are {', '.join(get_args(EffortKind))}",
-            pointer=str(path),
-        )
-    # Null means that the field is not stated.
-    return parse_metadata(path, {name: document[name] for name in field_names if document.get(name) is not None})
