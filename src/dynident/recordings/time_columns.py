@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.arrow_tables import from_numbers, pc, to_floats
+from dynident.recordings.arrow_tables import from_numbers, to_floats
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import FileSource, RawRows, RawSource, Repair, to_float_column
 from dynident.recordings.recording_metadata import Check
