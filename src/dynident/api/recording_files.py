@@ -482,8 +482,9 @@ def _join_errors(
     texts = [f"{', '.join(names)}: {text}" for text, names in names_by_text.items()]
     text = "\n  ".join([*texts, contradiction] if contradiction else texts)
     if len(failures) == 1:
-        where = {"row": first.row, "time": first.time}
-        return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks), **where)
+        return RecordingError(
+            text, pointer=first.pointer, title=first.title, row=first.row, time=first.time, checks=tuple(checks)
+        )
     text = f"{len(failures)} of {n_files} files cannot be used:\n  {text}"
     return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
 
