@@ -218,9 +218,9 @@ class _ColumnInference(WorkingProposal):
         return min((share for share in shares if share is not None), default=1.0)
 
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
-        candidates = [group for group in groups if group.signal == "q"]
         # Beside motors' angles, theta, joints' are plainly called q.
-        candidates.sort(key=lambda group: (group.rank, "q" not in group.named.words))
+        known = self._list_groups(groups, None, "q")
+        candidates = sorted(known, key=lambda group: (group.rank, "q" not in group.named.words))
         if not candidates:
             if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
@@ -382,8 +382,7 @@ class _ColumnInference(WorkingProposal):
         """Take velocities that are the slope of the positions, and report those that are not."""
         if candidates := self._list_groups(groups, position, "dq"):
             n, group = q.shape[1], min(candidates, key=lambda group: (group.rank, "dq" not in group.named.words))
-            values = self.values[:, list(group.columns)]
-            correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
+            correlation, factor = correlate_slopes(self.t, np.column_stack([q, self.values[:, list(group.columns)]]))
             # The slope of each position with the velocity of the same joint.
             own = np.array([correlation[j, n + j] for j in range(n)])
             ratio = np.array([factor[j, n + j] for j in range(n)])
