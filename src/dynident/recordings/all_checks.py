@@ -103,15 +103,15 @@ def _report_dead_zones(
     """Report torques that are 0 below a threshold."""
     zones = {joint: low for joint, (low, high) in enumerate(recording.torque_ranges) if low > high}
     columns = {joint: layout.tau[joint].source for joint in zones}
-    columns_with_shares = [
+    parts = [
         f"{columns[joint]} ({format_percent(float((sample.tau[sample.used, joint] == 0.0).mean()), 2)} of the rows, "
         f"below {size:.3g} {limits[joint].torque_unit})"
         for joint, size in zones.items()
     ]
-    if not columns_with_shares:
+    if not parts:
         return []
     detail = (
-        f"{', '.join(columns_with_shares)} {'is' if len(columns_with_shares) == 1 else 'are'} exactly 0 where torque is small: a dead zone of the "
+        f"{', '.join(parts)} {'is' if len(parts) == 1 else 'are'} exactly 0 where torque is small: a dead zone of the "
         "driver, or of the log. These rows are left out of the joint's equation and of its errors. Record the torque "
         "as it is measured, without a threshold."
     )
