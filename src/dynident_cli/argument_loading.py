@@ -127,13 +127,6 @@ def load_recordings(
     except RecordingError as error:
         _add_remedies(error, reading)
         raise
-    except DynidentError as error:
-        if error.title == OPEN_QUESTIONS:
-            error.detail += (
-                " Or write the proposal with `dynident inspect FILE --robot ROBOT --out FILE.json`, answer there (and "
-                "empty its questions), and give it as --metadata."
-            )
-        raise
     finally:
         for line in reader.describe_columns_of_files():
             message_console().print(line, soft_wrap=True)
@@ -171,6 +164,11 @@ def _add_remedies(error: RecordingError, reading: TimedReading) -> None:
     # An error without a cure stays, whatever is corrected besides it.
     if not reading.cure and refused and refused[0].apply is not None:
         error.detail += " Or let dynident correct it: --cure."
+    if error.title == OPEN_QUESTIONS:
+        error.detail += (
+            " Or write the proposal with `dynident inspect FILE --robot ROBOT --out FILE.json`, answer there "
+            "(and empty its questions), and give it as --metadata."
+        )
     if error.title == UNKNOWN_COLUMNS and reading.as_proposed is False:
         error.detail += " Or let dynident propose the columns from names and content: --as-proposed."
 

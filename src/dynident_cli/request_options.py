@@ -129,20 +129,31 @@ def write_option(remedy: Remedy) -> str:
         return _OPTIONS_TO_FILL[remedy.field]
     if remedy.field == "role":
         return f"option --{value}"
+    if remedy.field == "metadata" and isinstance(value, Mapping):
+        ((name, own),) = value.items()
+        return f"--metadata {name}=FILE with {{{', '.join(str(Remedy(*item)) for item in own.items())}}}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):
         places = (name if not at else f"{name}={_write_value(at)}" for name, at in value.items())
-        return f"--lock {','.join(places)}"
+        return f"--lock {_quote(','.join(places))}"
     if remedy.field in ("signs", "scale", "zeros", "effort_kind", DELAY):
         return f"{remedy} in --metadata"
     if isinstance(value, Mapping):
-        return f"{option} {','.join(f'{key}={_write_value(item)}' for key, item in value.items())}"
+        # A comma in a name would part it: such pairs are typed as a JSON object.
+        if any("," in f"{key}{item}" or f"{item}".startswith("{") for key, item in value.items()):
+            return f"{option} {_quote(str(remedy).partition(': ')[2])}"
+        return f"{option} {_quote(','.join(f'{key}={_write_value(item)}' for key, item in value.items()))}"
     return f"{option} {','.join(map(_write_value, value)) if isinstance(value, tuple) else _write_value(value)}"
 
 
 def _write_value(value: object) -> str:
     if isinstance(value, tuple):
         return ":".join(map(_write_value, value))
-    return "…" if value is ... else write_number(value) if isinstance(value, float) else shlex.quote(str(value))
+    return "…" if value is ... else write_number(value) if isinstance(value, float) else str(value)
+
+
+def _quote(text: str) -> str:
+    """Quote what a shell would take apart, but not the … that the user fills in."""
+    return shlex.quote(text) if shlex.quote(text.replace("…", "")) != text.replace("…", "") else text
 
 
 def list_option_words(group: object) -> list[str]:

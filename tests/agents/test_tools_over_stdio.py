@@ -233,6 +233,17 @@ def test_a_model_that_includes_files_is_refused(agent: Agent, content: bytes) ->
     assert (refusal["title"], refusal["errors"][0]["pointer"]) == ("Unusable MJCF", "/robot")
 
 
+def test_files_of_another_logger_are_read_as_proposed_and_the_agent_is_told(agent: Agent) -> None:
+    head, *rows = (agent.folder / "run1.csv").read_text().replace('"', "").splitlines()
+    other = head.replace("tau", "actual torque ").replace("q", "actual position ")
+    (agent.folder / "foreign.csv").write_text("\n".join([other.replace("toractual position ue", "torque"), *rows]))
+    answer = agent.call("identify", robot="arm.urdf", recordings=["foreign.csv"], out="foreign.npz")
+    assert "foreign, columns: Read as t: t; q: actual position 1" in answer.content[0].text
+    # What is answered for some columns leaves the others as proposed.
+    answered = {"path": "foreign.csv", "columns": {"q1": "actual position 1"}}
+    assert not agent.call("identify", robot="arm.urdf", recordings=[answered], out="answered.npz").is_error
+
+
 def test_a_refusal_is_the_problem_document_of_the_service(agent: Agent) -> None:
     wrong = agent.refusal("identify", robot="scara", recordings=["run1.csv"], out="x.npz", prior_error=11, bogus=1)
     assert {field["pointer"] for field in wrong["errors"]} == {"/prior_error", "/bogus"}

@@ -45,3 +45,12 @@ def test_the_same_arm_on_two_days_has_not_changed(desk: Path) -> None:
     assert answer.code == 0, answer.err
     assert answer.document["changes"] == []
     assert all(abs(one["value"]) < 0.1 * one["before"] for one in answer.document["friction"])
+
+
+def test_an_error_of_held_out_data_alone_leads_to_what_differs_in_them(desk: Path, worn: Path) -> None:
+    words = "find what differs in the held-out data"
+    fit, out = desk / "run1.csv", desk / "differs.npz"
+    answer = dynident("identify", "scara", fit, "-v", worn, "--effects", "default", "--out", out)
+    assert words in answer.out, answer.err
+    assert f"dynident changes {out} --before {fit} --after {worn}" in answer.out
+    assert words not in dynident("identify", "scara", fit, "-v", desk / "run2.csv", "--out", out).out

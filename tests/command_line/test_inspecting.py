@@ -197,6 +197,19 @@ def test_many_long_rows_without_names_are_moments(tmp_path):
     assert len(inspect_file(path, None).columns) >= 1099
 
 
+def test_what_inspect_says_of_units_is_what_identify_needs(tmp_path):
+    table = pacsv.read_csv(write_run(tmp_path / "run1.csv", 1))
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    columns |= {f"q{j}": np.degrees(columns[f"q{j}"]) for j in (1, 2, 4)}
+    path = tmp_path / "degrees.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    looked = dynident("inspect", path, "--robot", "scara").out
+    units = re.search(r"--units (\S+) or --as-proposed", looked)
+    assert units, looked
+    assert dynident("identify", "scara", path).code == 2
+    assert dynident("identify", "scara", path, "--units", units[1]).code == 0
+
+
 def test_a_folder_may_have_the_name_of_a_known_arm(tmp_path, monkeypatch):
     path = write_run(tmp_path / "run1.csv", 1)
     (tmp_path / "scara").mkdir()
@@ -352,7 +365,7 @@ def accept_like(asked: Question, columns: dict[str, str], units: dict[str, str],
     proposal = Proposal(columns, units, "unknown", (), (asked,))
     none = np.zeros((0, 4))
     inspection = Inspection(Path("b.csv"), "csv", (*known.columns.values(), "g"), none, none, 0, proposal)
-    return accept_proposal("b.csv", inspection, has_gains=True, accepted=[known])
+    return accept_proposal(inspection, has_gains=True, accepted=[known])
 
 
 READ = {"t": "time", "q1": "a", "tau1": "f"}

@@ -9,7 +9,6 @@ import pytest
 from support.hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
 from support.oracles import Motion, fourier_motion, record
 
-import dynident as dy
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
@@ -136,20 +135,6 @@ def test_a_line_is_found_where_a_joint_is_nearly_always_near_the_points_that_it_
     )
     clear = find_angle_lines([seen], ROBOT).clear
     assert min(abs(line - 12.0) for joint, line in clear if joint == 4) < 0.3
-
-
-@pytest.mark.parametrize("stroke", [0.15, 1.2])
-def test_a_line_over_the_stroke_of_a_sliding_joint_is_found(stroke):
-    scara, lead = dy.load_robot("scara"), stroke / 9.0
-    place = stroke * (0.5 - 0.5 * np.cos(np.linspace(0.0, 7.0, 4000)))
-    residual = np.sin(2 * np.pi / lead * place) + np.random.default_rng(1).normal(0.0, 0.3, len(place))
-    seen = SimpleNamespace(
-        q=np.tile(place[:, None], scara.n),
-        residual=np.tile(residual[:, None], scara.n),
-        counted_rows=np.ones((len(place), scara.n), dtype=bool),
-    )
-    lines = [line for joint, line in find_angle_lines([seen], scara).clear if joint == 2]
-    assert min(abs(line * lead / (2 * np.pi) - 1.0) for line in lines) < 0.02
 
 
 def test_noise_alone_has_neither_patterns_nor_a_place_where_it_fails(comparison):

@@ -10,8 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
-from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.drawn_recordings import log_of
+from support.oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 
+from dynident.errors import Remedy
+from dynident.identification.column_inference import torque_or_current
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
 from dynident.identification.recording_faults import unexplained_torque as judging
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
@@ -42,7 +47,7 @@ from dynident.recordings import (
 )
 from dynident.recordings.recording import ModelChecks
 from dynident.recordings.recording_metadata import Check
-from dynident.robot import Robot
+from dynident.robot import Robot, robot_from_urdf
 
 pytestmark = pytest.mark.sweep
 
@@ -174,6 +179,31 @@ def test_two_mistakes_at_once_are_both_named() -> None:
         ColumnFault("torques swapped", (0, 1)),
         ColumnFault("torque turned", (2,)),
     }
+
+
+@pytest.mark.parametrize("order", [(1, 2, 0, 3, 4, 5), (0, 1, 3, 4, 2, 5)])
+def test_torques_in_a_ring_are_one_order_by_the_columns_of_the_file(order: tuple[int, ...]) -> None:
+    motion, tau = measured()
+    found, _ = find_recording_faults(ROBOT, record(ROBOT, motion, tau[:, order])) or ((), 1.0)
+    assert len(found) == 1
+    assert found[0].certain
+    assert dict(found[0].fault.places) == {joint: order.index(joint) for joint in range(6) if order[joint] != joint}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("order", [(1, 2, 0), (2, 0, 1)])
+def test_a_look_at_a_file_asks_once_for_an_order_of_three_torques(
+    seed: int, order: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As on arms of which a wrong order leaves nothing explained, so that the torques look like external ones.
+    monkeypatch.setattr(torque_or_current, "_NOTHING", 0.3)
+    drawn = log_of(robot_from_urdf("drawn.urdf", crooked_urdf(3, seed, ())), 3)
+    values = np.column_stack([drawn.t, drawn.q, drawn.tau[:, order]])
+    found = propose(Sample(("t", *Q[:3], *TAU[:3]), values, {}), drawn.robot)
+    (question,) = found.questions
+    remedy = Remedy("columns", {TAU[joint]: TAU[order.index(joint)] for joint in range(3)})
+    assert (question.check, question.remedies) == ("torque_order", (remedy,))
+    assert found.effort_kind == "joint_torque"
 
 
 def test_a_motion_that_is_too_short_to_tell_is_not_judged() -> None:

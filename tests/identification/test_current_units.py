@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.drawn_recordings import log
 from support.noise_free_data import drawn_standard, torque_of
 from support.oracles import arm, crooked_urdf, fourier_motion, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.loads.current_models import identify_currents
 from dynident.identification.loads.payloads_of_recordings import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing
@@ -69,3 +72,14 @@ def test_a_joint_without_current_is_named():
     dead = np.array([1.0, 1.0, np.inf, 1.0, 1.0, 1.0])
     with pytest.raises(DynidentError, match="elbow_joint"):
         identify_currents(UR10, [current_of(UR10, dead, duration=10.0)], preprocessing=WIDE)
+
+
+@pytest.mark.parametrize("name", ["present_pwm_{}", "duty_{} [%]"])
+def test_the_duty_of_a_motor_is_no_torque(name: str) -> None:
+    drawn = log()
+    names = [name.format(joint + 1) for joint in range(6)]
+    values = np.column_stack([drawn.t, drawn.q, drawn.tau])
+    found = propose(Sample(("t", *(f"q{joint + 1}" for joint in range(6)), *names), values, {}), drawn.robot)
+    (question,) = [each for each in found.questions if each.field == "effort_kind"]
+    assert question.choices == ("motor_current",)
+    assert "back-EMF" in question.detail

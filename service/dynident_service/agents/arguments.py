@@ -261,13 +261,13 @@ def read_recordings(
     paths = [folder.find_recording(item.path, f"/{place}/{index}") for index, item in enumerate(stated)]
     runs = dy.Recordings(())
     for index, (item, path) in enumerate(zip(stated, paths, strict=True)):
-        runs += dy.read_recordings(
-            path,
-            robot=robot,
-            metadata=to_request(item, RecordingMetadata),
-            cure=item.cure,
-            progress=scale_progress(progress, index / len(paths), (index + 1) / len(paths)),
-        )
+        share = scale_progress(progress, index / len(paths), (index + 1) / len(paths))
+        metadata = to_request(item, RecordingMetadata)
+        try:
+            runs += dy.read_recordings(path, robot=robot, metadata=metadata, cure=item.cure, progress=share)
+        except dy.RecordingError as error:
+            error.pointer = error.pointer or f"/{place}/{index}"
+            raise
     return runs
 
 

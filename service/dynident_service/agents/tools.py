@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -149,7 +149,7 @@ def _identify(folder: Folder, given: arguments.IdentifyArguments, progress: Prog
         verdict=show_verdict(verdict),
         file=given.out,
     )
-    return Answer(result, f"{model.summary()}\n\n{verdict.summary}", model.plot())
+    return Answer(result, _tell([fitted, held_out], f"{model.summary()}\n\n{verdict.summary}"), model.plot())
 
 
 def _diagnose(folder: Folder, given: arguments.DiagnoseArguments, progress: Progress) -> Answer:
@@ -171,7 +171,7 @@ def _diagnose(folder: Folder, given: arguments.DiagnoseArguments, progress: Prog
     view = describe_diagnosis(diagnosis, model.robot.name, diagnosed.examination.doubts)
     out.write_bytes(encode_text(view.model_dump_json(indent=1)))
     result = StoredDiagnosis(**view.model_dump(), file=given.out)
-    return Answer(result, repr(diagnosed), diagnosed.plot() if diagnosed.candidates else None)
+    return Answer(result, _tell([runs, held_out], repr(diagnosed)), diagnosed.plot() if diagnosed.candidates else None)
 
 
 def _explain(folder: Folder, given: arguments.WhyNotArguments, _: Progress) -> Answer:
@@ -221,7 +221,7 @@ def _find_changes(folder: Folder, given: arguments.ChangesArguments, progress: P
     )
     is_drawn = bool(changes.items or changes.diagnosis.friction)
     result = describe_diagnosis(changes.diagnosis, model.robot.name)
-    return Answer(result, repr(changes), changes.plot() if is_drawn else None)
+    return Answer(result, _tell([before, after], repr(changes)), changes.plot() if is_drawn else None)
 
 
 def _validate(folder: Folder, given: arguments.ValidateArguments, progress: Progress) -> Answer:
@@ -238,7 +238,7 @@ def _validate(folder: Folder, given: arguments.ValidateArguments, progress: Prog
     views = [
         ModelTest(kind=test.kind, title=test.title, verdict=test.verdict, reason=test.judged.reason) for test in tests
     ]
-    return Answer(ModelTests(verdict=tests.verdict, tests=views), repr(tests))
+    return Answer(ModelTests(verdict=tests.verdict, tests=views), _tell([fitted, held_out], repr(tests)))
 
 
 def _export(folder: Folder, given: arguments.ExportArguments, _: Progress) -> Answer:
@@ -258,6 +258,12 @@ def _load_model_with(
 ) -> tuple[dy.Model, dy.Recordings]:
     model = _load_model(folder, path)
     return model, arguments.read_recordings(folder, model.robot, recordings, "recordings", progress)
+
+
+def _tell(recordings: Iterable[dy.Recordings], text: str) -> str:
+    """Return a text behind the findings of the recordings: with which columns they were read, for example."""
+    found = (f"{item.name}, {finding}" for runs in recordings for item in runs for finding in item.findings)
+    return "\n".join([*found, text])
 
 
 def _load_diagnosis(folder: Folder, path: str) -> AdvisedDiagnosis:

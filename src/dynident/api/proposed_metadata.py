@@ -10,15 +10,17 @@ from dataclasses import dataclass, field, replace
 
 from dynident.api.recording_collection import Recordings
 from dynident.api.recordings_in_memory import SourceFile
-from dynident.errors import DynidentError, Remedy, word_remedies, write_argument
+from dynident.errors import Remedy, word_remedies, write_argument
 from dynident.identification.column_inference import Inspection, Proposal, Question, inspect_file
-from dynident.recordings import Check, RecordingMetadata
+from dynident.recordings import Check, RecordingError, RecordingMetadata
 from dynident.recordings.file_names_and_digests import check_readable_path
 from dynident.recordings.units import JOINT_KINDS
 from dynident.robot import Robot
 
 OPEN_QUESTIONS = "Open questions"
 """Title of the error of a file that cannot be used as proposed."""
+COLUMNS = "columns"
+"""Name of the finding that says which columns were taken as what."""
 NEEDED_FOR_GAINS = "drives"
 """The question that asks for drive gains, which belong to the robot and not to the file."""
 _CORRECTIONS = ("permutation", "signs", "scale", "zeros", "torque_delay")
@@ -143,7 +145,7 @@ def _name_effort(ours: str) -> str:
 def describe_answer(question: Question, write: Writer = write_argument) -> str:
     """Return what answers a question, as it is written in a front end; "" where nothing that can be written does."""
     about, _, key = question.field.partition("/")
-    gains = f"{write(Remedy('drives'))} in N m (N) per unit of these numbers"
+    gains = f"{write(Remedy('drives'))} (one a joint, in N m or N per unit of these numbers)"
     if question.check:
         mends = [write(remedy) for remedy in question.remedies]
         if question.field == "units/tau":
@@ -177,7 +179,6 @@ def describe_answer(question: Question, write: Writer = write_argument) -> str:
 
 
 def accept_proposal(
-    name: str,
     inspection: Inspection,
     *,
     has_gains: bool,
@@ -189,8 +190,6 @@ def accept_proposal(
 
     Parameters
     ----------
-    name : str
-        What the file is called in an error.
     inspection : Inspection
         What was found in the file, with a proposal.
     has_gains : bool
@@ -204,7 +203,7 @@ def accept_proposal(
 
     Raises
     ------
-    DynidentError
+    RecordingError
         Where a question is open, as to accept would be a guess.
     """
     assert inspection.proposal is not None
@@ -226,9 +225,9 @@ def accept_proposal(
         # Only what a check proposes is corrected unasked, and of the file alone.
         can_cure = any(question.is_curable and question.field not in _NOT_CURED for question in open_questions)
         cure = f", or let dynident correct the file: {write(Remedy('cure'))}" if can_cure else ""
-        raise DynidentError(
-            f"{name} cannot be used as proposed; these questions are open:{question_list}\nState what is right{cure}.",
-            pointer=name,
+        raise RecordingError(
+            f"This file cannot be used as proposed; these questions are open:{question_list}\n"
+            f"State what is right{cure}.",
             title=OPEN_QUESTIONS,
         )
     columns, units = dict(proposal.columns), dict(proposal.units)
@@ -295,7 +294,6 @@ class ProposalReader:
         # another one, which gains do not answer.
         has_gains = all(drive.gain is not None for drive in self.robot.drives)
         self.accepted[index] = accept_proposal(
-            (stated.name if file.owner else None) or file.path.name,
             inspect_file(file.path, self.robot, stated.rate, stated.columns),
             has_gains=has_gains,
             answers=StatedAnswers(stated.columns, stated.units, stated.accept, self.cure, stated),
@@ -307,12 +305,19 @@ class ProposalReader:
     def propose_all(self) -> list[RecordingMetadata]:
         """Return the metadata of all files: what one leaves open, a later one may answer."""
         sure = [self._propose_if_sure(index) for index in range(len(self.files))]
-        return [known or self.propose(index) for index, known in enumerate(sure)]
+        for index, known in enumerate(sure):
+            if known is None:
+                try:
+                    sure[index] = self.propose(index)
+                except RecordingError as error:
+                    error.detail = f"{self.files[index].path.name}: {error.detail}"
+                    raise
+        return [known for known in sure if known is not None]
 
     def _propose_if_sure(self, index: int) -> RecordingMetadata | None:
         try:
             return self.propose(index)
-        except DynidentError as error:
+        except RecordingError as error:
             if error.title != OPEN_QUESTIONS:
                 raise
             return None
@@ -321,7 +326,7 @@ class ProposalReader:
         """Return the recordings of all files, with a finding where columns were taken as proposed."""
         items = list(recordings)
         for index, stated in self.accepted.items():
-            note = Check("columns", "warning", f"Read as {describe_columns(stated)}.")
+            note = Check(COLUMNS, "warning", f"Read as {describe_columns(stated)}.")
             items[index] = replace(items[index], checks=(*items[index].checks, note))
         return Recordings(tuple(items))
 
@@ -335,12 +340,15 @@ class ProposalReader:
 
 def describe_columns(metadata: RecordingMetadata) -> str:
     """Return which columns are taken as what: "t: Time (ms); q: A1.pos … A7.pos (deg)"."""
-    columns_by_kind: dict[str, list[str]] = {}
-    for signal, column in metadata.columns.items():
-        columns_by_kind.setdefault(_signal_kind(signal), []).append(column)
+    signals_by_kind: dict[str, list[str]] = {}
+    for signal in metadata.columns:
+        signals_by_kind.setdefault(_signal_kind(signal), []).append(signal)
     parts = []
-    for kind, columns in columns_by_kind.items():
-        unit = metadata.units.get(kind)
+    for kind, signals in signals_by_kind.items():
+        columns = [metadata.columns[signal] for signal in signals]
         span = columns[0] if len(set(columns)) == 1 else f"{columns[0]} … {columns[-1]}"
-        parts.append(f"{kind}: {span}{f' ({unit})' if unit else ''}")
+        # A kind may have a unit, and joints of it others.
+        units = [metadata.units[kind]] if kind in metadata.units else []
+        units += [f"{key} in {metadata.units[key]}" for key in signals if key != kind and key in metadata.units]
+        parts.append(f"{kind}: {span} ({', '.join(units)})" if units else f"{kind}: {span}")
     return "; ".join(parts)

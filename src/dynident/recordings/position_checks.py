@@ -18,7 +18,7 @@ from dynident.number_format import format_percent
 from dynident.recordings.columns_to_signals import Layout
 from dynident.recordings.file_source import RawSample
 from dynident.recordings.joint_phases import phase_shares
-from dynident.recordings.recording import JointLimits, Recording
+from dynident.recordings.recording import JointKind, JointLimits, Recording
 from dynident.recordings.recording_metadata import Check, Revision, Status
 from dynident.recordings.signal_spectra import find_step
 from dynident.recordings.units import explain_velocity_ratio, find_common_ratio, format_time
@@ -258,7 +258,7 @@ def _check_position_unit(
         low, high, rate = float(positions.low[joint]), float(positions.high[joint]), float(fastest[joint])
         small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
         where = int(positions.row[row]), float(positions.t[row])
-        if is_counted(limit, low, high):
+        if is_counted(limit, low, high) and (limit.position or rate > _get_fastest(limit.kind, limit.velocity)):
             remedy = Remedy("units", {"q": "counts:4096"})
             return Check(
                 "position_unit",
@@ -272,12 +272,12 @@ def _check_position_unit(
                 *where,
                 remedies=(remedy,),
             )
-        if has_other_unit(limit, low, high, rate, small, roams=joint in roaming):
+        if has_other_unit(limit, low, high, rate, small):
             # Of whole numbers a unit that fits is not enough to be taken unasked.
             counts = limit.kind == "revolute" and bool(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
             )
-            same, unclear = _split_by_unit(positions, limits, limit, fastest, small, roaming)
+            same, unclear = _split_by_unit(positions, limits, limit, fastest, small)
             keys = {k: _name_unit(k, layout, recording) for k in same}
             same_kind = _unit_of_same_kind("q", unit, limit, limits[layout.n_base :])
             if joint < layout.n_base:
@@ -303,6 +303,14 @@ def _check_position_unit(
                 None if counts or unclear else Revision(units=same_kind),
                 remedies=(remedy,),
             )
+        is_unlimited = limit.velocity is None and joint not in roaming and is_far_without_limits(limit, low, high)
+        if is_unlimited and doubtful is None:
+            remedy = Remedy("units", {_name_unit(joint, layout, recording): unit})
+            detail = (
+                f"{column} runs from {low:.4g} to {high:.4g} {ours}, and the description limits neither the position "
+                f"nor the speed of {recording.joint_names[joint]}. If the values are in {unit}, state {remedy}."
+            )
+            doubtful = Check("position_unit", "warning", detail, column, *where, remedies=(remedy,))
         if limit.position is not None and doubtful is None:
             # Encoders and stated limits do not agree to the last degree.
             slack = 0.02 * (limit.position[1] - limit.position[0])
@@ -332,7 +340,6 @@ def _split_by_unit(
     limit: JointLimits,
     fastest: FloatArray,
     small: float,
-    roaming: Sequence[int],
 ) -> tuple[list[int], list[int]]:
     """Return the joints of one kind that are in the smaller unit, and those that make sense in either."""
     same, unclear = [], []
@@ -340,7 +347,7 @@ def _split_by_unit(
         low, high = float(positions.low[joint]), float(positions.high[joint])
         if other.kind != limit.kind:
             continue
-        if has_other_unit(other, low, high, float(fastest[joint]), small, roams=joint in roaming):
+        if has_other_unit(other, low, high, float(fastest[joint]), small):
             same.append(joint)
         elif other.kind == "revolute" and high - low > SURELY_MOVED and max(abs(low), abs(high)) < 2.0 * pi:
             unclear.append(joint)
@@ -358,9 +365,7 @@ def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[J
     return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
 
 
-def has_other_unit(
-    limit: JointLimits, low: float, high: float, rate: float, small: float, *, roams: bool = False
-) -> bool:
+def has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
     """Return whether a position makes sense in degrees (millimetres), and none in radians (metres).
 
     Parameters
@@ -373,8 +378,6 @@ def has_other_unit(
         Speed that the position reaches, in its unit per second.
     small : float
         Radians in a degree, or metres in a millimetre.
-    roams : bool
-        Whether any position makes sense, and only the speed tells.
 
     Returns
     -------
@@ -389,10 +392,19 @@ def has_other_unit(
         inside = lower - slack <= low * small and high * small <= upper + slack
         widest, turn = max(abs(lower), abs(upper)), 2.0 * pi if limit.kind == "revolute" else 0.0
         return beyond and inside and max(abs(low), abs(high)) > widest + max(widest, turn)
-    # Without limits: a speed that no joint has, or a range of several turns (of 20 m) that is really moved through.
-    fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
+    # Without limits a wheel, a rail or a base goes as far as it likes: only a speed that no joint has tells.
+    return rate > _get_fastest(limit.kind, limit.velocity)
+
+
+def _get_fastest(kind: JointKind, velocity: float | None) -> float:
+    """Return a speed in rad/s, or m/s, that no joint of a kind, or of a stated largest velocity, reaches."""
+    return 3.0 * velocity if velocity is not None else FASTEST if kind == "revolute" else 20.0
+
+
+def is_far_without_limits(limit: JointLimits, low: float, high: float) -> bool:
+    """Return whether a joint without limits moves through several turns, or 20 m, which few do."""
     widest = 8.0 * pi if limit.kind == "revolute" else 20.0
-    return rate > fastest or (not roams and max(abs(low), abs(high)) > widest and high - low > widest)
+    return limit.position is None and max(abs(low), abs(high)) > widest and high - low > widest
 
 
 def is_counted(limit: JointLimits, low: float, high: float) -> bool:

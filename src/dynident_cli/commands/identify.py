@@ -218,6 +218,7 @@ def identify(
     """Identify the base parameters of a robot."""
     from dynident.api.model_identification import identify as identify_model
     from dynident.effects import DEFAULT_EFFECTS
+    from dynident.identification.identified_models.fit_model import is_worse_on_held_out
     from dynident_cli import argument_loading, command_output, option_parsers, printed_results
 
     machine = argument_loading.load_robot_argument(robot, reading)
@@ -244,6 +245,14 @@ def identify(
             words = ["diagnose", result.out, *measurements, *held_out_words]
             files = [*measurements, *further.validation]
             printed_results.show_next_command(console, "find what is missing", words, files, reading)
+        if result.out is not None and verdict.stop is None and is_worse_on_held_out(model.identification):
+            # Two recordings that differ, as by the zeros of joints, look like a motion that determines too little.
+            before, after = (
+                [word for path in paths for word in (option, path)]
+                for option, paths in (("--before", measurements), ("--after", further.validation))
+            )
+            words, files = ["changes", result.out, *before, *after], [*measurements, *further.validation]
+            printed_results.show_next_command(console, "find what differs in the held-out data", words, files, reading)
 
     everything = (*recordings, *held_out)
     command_output.write_model(result, "model", model, print_result, verdict=verdict, recordings=everything)
@@ -296,7 +305,7 @@ def inspect(
         # An open question ends the command here, before anything is written.
         if as_proposed:
             # Gains belong to the robot, so the proposal for the file does not need them.
-            accept_proposal(file.name, inspection, has_gains=True, write=write_option)
+            accept_proposal(inspection, has_gains=True, write=write_option)
         if out is not None:
             document = json.dumps(argument_loading.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
             write_atomically(out, encode_text(f"{document}\n"))
@@ -311,7 +320,7 @@ def inspect(
 
 def _print_inspection(console: Console, inspection: Inspection) -> None:
     from dynident.api.proposed_metadata import describe_answer
-    from dynident.errors import word_remedies
+    from dynident.errors import Remedy, word_remedies
     from dynident.presentation.recording_tables import build_guess_table
     from dynident_cli import command_output
     from dynident_cli.request_options import write_option
@@ -329,5 +338,15 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         console.print(f"? {question.field}: {detail}{choices}", soft_wrap=True)
         if answer := describe_answer(question, write_option):
             console.print(f"    → {answer}", soft_wrap=True, markup=False)
-    if not inspection.proposal.questions:
-        console.print("No question is open: identify reads the file like this.")
+    if inspection.proposal.questions:
+        return
+    if inspection.proposal.units and all(ours == name for ours, name in inspection.proposal.columns.items()):
+        # Columns of these names are read without a proposal.
+        units = write_option(Remedy("units", dict(inspection.proposal.units)))
+        console.print(
+            "No question is open. identify takes columns with the names q1, tau1 and so on to be in SI units, unless "
+            f"it has {units} or --as-proposed.",
+            soft_wrap=True,
+        )
+        return
+    console.print("No question is open: identify reads the file like this.")

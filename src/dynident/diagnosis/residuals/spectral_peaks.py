@@ -198,23 +198,22 @@ def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLi
     """Find lines in the spectrum of the residual over each joint's own angle."""
     clear, faint = [], []
     for j, joint in enumerate(robot.joints):
+        if joint.kind != "revolute":
+            continue
         q = np.concatenate([c.q[c.counted_rows[:, j], j] for c in comparisons])
         residual = np.concatenate([c.residual[c.counted_rows[:, j], j] for c in comparisons])
         if len(q) < _BINS:
             continue
-        if joint.kind == "revolute" and np.ptp(q) < _LEAST_ANGLE:
-            continue
-        # Nothing turns once over the range of a sliding joint, so this range is the turn.
-        turn = 1.0 if joint.kind == "revolute" else 2 * np.pi / max(float(np.ptp(q)), np.finfo(float).tiny)
-        q = turn * q
         low, span = float(q.min()), float(q.max() - q.min())
+        if span < _LEAST_ANGLE:
+            continue
         lines = find_peaks(*compute_angle_power(q, residual), LINE_RATIO)[:_LINES_A_JOINT]
         slow, share = _find_slow_wave(q, residual, low, span)
         lines += [slow] if share > _CLEAR else []
         # A wave beside each, so that what a line is off by is not taken for something else.
         around = [offset / span for offset in (0.0, -_BESIDE, _BESIDE)]
-        clear += [(j, turn * (line + offset)) for line in lines for offset in around]
-        faint += [(j, turn * float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
+        clear += [(j, line + offset) for line in lines for offset in around]
+        faint += [(j, float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
     return AngleLines(tuple(clear), tuple(faint))
 
 

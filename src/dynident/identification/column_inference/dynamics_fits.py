@@ -21,7 +21,7 @@ from dynident.identification.column_inference.metadata_proposal import Guess, Qu
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
+from dynident.identification.recording_faults.description_fit import DESCRIPTION_CHECKS
 from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import MOST_JOINTS
 from dynident.identification.recording_faults.joint_angle_faults import ZERO
@@ -64,6 +64,21 @@ class DynamicsFits:
         fits = type(self)(self.robot, self._t[rows], self._segment[rows].astype(np.float64))
         fits.from_commands = self.from_commands
         return fits
+
+    def measure_speed(self, q: FloatArray) -> FloatArray:
+        """Return the speed (n,) that positions (m, n) reach over a tenth of a second, but for a hundredth of the rows.
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions in any unit.
+        """
+        step = int(0.1 / max(float(np.nanmedian(np.diff(self._t))), 1e-6)) if len(self._t) > 1 else 0
+        step = min(max(1, step), len(self._t) - 1)
+        if step < 1:
+            return np.zeros(q.shape[1])
+        elapsed = np.maximum(self._t[step:] - self._t[:-step], 1e-6)
+        return np.nan_to_num(np.nanpercentile(np.abs(q[step:] - q[:-step]) / elapsed[:, None], 99.0, axis=0))
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         """Return the sample as a recording; None where it is too short.
@@ -325,7 +340,7 @@ def find_scales_by_joint(
     zero = f"@{-offset / factor:.10g}" if offset else ""  # the middle of all scales
     units = {int(joint): f"counts:{counts[joint]:.10g}{zero}" for joint in np.flatnonzero(turning & known)}
     has_others = np.abs(scales[turning & known]).max(initial=0.0) >= first
-    is_sure = are_counts or (least < BORNE_OUT and not _has_wrong_columns(fits, stated, tau))
+    is_sure = are_counts or (least < BORNE_OUT and not has_wrong_columns(fits, stated, tau))
     reason = (
         f"as {unit} the robot's dynamics leave {_write_share(as_one)} of the torque unexplained, and "
         f"{_write_share(least)} with counts per turn of its own for each joint, as where gears or encoders differ. The "
@@ -334,8 +349,18 @@ def find_scales_by_joint(
     return (units, reason, True) if has_others and is_sure else None
 
 
-def _has_wrong_columns(fits: DynamicsFits, q: FloatArray, tau: FloatArray) -> bool:
-    """Tell whether one fault explains what scales of all joints imitate: an angle from the horizon, or a sign."""
+def has_wrong_columns(fits: DynamicsFits, q: FloatArray, tau: FloatArray) -> bool:
+    """Tell whether a fault of the columns, such as an angle from the horizon, or their order, explains the torque.
+
+    Scales of all joints imitate it, and with it motion and gravity may seem to explain nothing.
+
+    Parameters
+    ----------
+    fits : DynamicsFits
+        Of the sample.
+    q, tau : (m, n)
+        Positions in rad or m, and torques.
+    """
     recording, names = fits.to_recording(q, tau), fits.robot.joint_names
     faults = () if recording is None else check_recording_faults(fits.robot, recording, names, names).checks
     return any(fault.status == "error" and fault.name not in _FIELDS for fault in faults)
@@ -442,7 +467,7 @@ def check_against_dynamics(
         f"{robot.joint_names[worst]} {format_percent(unexplained.worst_share, decimals=0)}"
     )
     # The masses of the description explain no residual: identification does not use them.
-    causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
+    causes = [check for check in wrong if check.name not in DESCRIPTION_CHECKS]
     stuck = np.flatnonzero(np.ptp(q, axis=0) == 0.0)
     # What noise leaves, which goes to and fro from row to row, says nothing of a joint that stands.
     rest = unexplained.joints[worst] * np.sqrt(np.mean(tau[:, worst] ** 2))

@@ -117,6 +117,33 @@ class Question:
         return cls(field, check.detail, check=check.name, remedies=check.remedies, is_curable=is_curable)
 
 
+def is_duty(words: Sequence[str]) -> bool:
+    """Return whether the words of a column's name say that it is the duty of a motor's PWM."""
+    return not {"pwm", "duty", "dutycycle"}.isdisjoint(words)
+
+
+def ask_for_kind(names: str, words: Sequence[str]) -> Question:
+    """Ask what efforts are.
+
+    Parameters
+    ----------
+    names : str
+        Names of their columns.
+    words : sequence of str
+        The words of one of these.
+    """
+    if is_duty(words):
+        detail = (
+            f"{names} are duties of the motors' PWM: a share of the supply voltage, and no torque. If no current was "
+            "recorded, they can stand for one, with drive gains in N m per unit of these numbers at standstill. The "
+            "viscous friction then contains the back-EMF of the motors, and a supply voltage that changes is in the "
+            "error: where it was recorded, multiply them by it before."
+        )
+        return Question("effort_kind", detail, ("motor_current",))
+    detail = f"What are {names}: torques of the joints, or currents of the motors?"
+    return Question("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+
+
 @dataclass(frozen=True)
 class Proposal:
     """Proposed metadata of a file.
@@ -287,8 +314,11 @@ def describe_waves(named: Sequence[ColumnName]) -> str:
     )
 
 
-def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
-    """Return the columns of joints that a robot of n joints lacks, where all of its own have theirs in `columns`."""
+def describe_unused_columns(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[Guess]:
+    """Describe columns that are left out where all of a robot's n joints have theirs in `columns`.
+
+    They are of joints that it lacks, or further signals of its own: angles of the motors beside those of joints.
+    """
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
     used = set(columns.values())
@@ -296,7 +326,16 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
     signals = {column.signal for column in named if column.name in used} & {"q", "dq", "tau", "current", "effort"}
     known = {word for column in named if column.name in used for word in column.words}
     strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
-    return [column.name for column in strange if not set(column.words) <= known]
+    strange = [column for column in strange if not set(column.words) <= known]
+    places = {(column.signal, _get_number(column)) for column in named if column.name in used}
+    further = [column.name for column in strange if (column.signal, _get_number(column)) in places]
+    others = [column.name for column in strange if column.name not in further]
+    reasons = ((further, "a second set of signals of the same joints"), (others, "by name of no joint of the robot"))
+    return [Guess("columns", ", ".join(names), 0.8, f"not used: {reason}") for names, reason in reasons if names]
+
+
+def _get_number(column: ColumnName) -> tuple[str, ...]:
+    return tuple(word for word in column.words if word.isdigit()) or column.words
 
 
 def describe_still_joints(names: Sequence[str], q: FloatArray) -> list[Guess]:

@@ -15,8 +15,9 @@ from dynident.identification.column_inference.column_groups import ColumnGroup
 from dynident.identification.column_inference.column_names import ColumnName, count_external_axis, read_names
 from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
-from dynident.identification.column_inference.metadata_proposal import Guess, Question
+from dynident.identification.column_inference.metadata_proposal import Guess, Question, ask_for_kind, is_duty
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_servo_gains
+from dynident.identification.recording_faults.description_fit import describe_weightlessness
 from dynident.recordings.columns_to_signals import NOT_RECORDED, compute_servo_error
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind, RecordingError
@@ -311,10 +312,9 @@ class WorkingProposal:
         names : str
             Names of their columns.
         """
-        why = NO_MEASUREMENT[kind]
-        self.add_question(
-            "effort_kind", f"{names} are {why}. No model can be identified from them; give the measured torque."
-        )
+        cure, remedies = describe_weightlessness(self.robot) if kind == "gravity_compensated" else ("", ())
+        detail = f"{names} are {NO_MEASUREMENT[kind]}. No model can be identified from them; give the measured torque."
+        self.questions.append(Question("effort_kind", detail + cure, remedies=remedies))
 
     def mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
@@ -437,7 +437,9 @@ class WorkingProposal:
         """
         names = self.name_columns(effort)
         signal = "current" if effort.signal == "current" else "tau"
-        if effort.unit in ("permille", "percent"):
+        if is_duty(effort.named.words):
+            self.questions.append(ask_for_kind(names, effort.named.words))
+        elif effort.unit in ("permille", "percent"):
             signal, kind = "current", "motor_torque" if kind == "unknown" else kind
             self.add_guess(
                 "units/current",
@@ -446,8 +448,7 @@ class WorkingProposal:
                 f"its name says {effort.unit}; drive gains are then N m per {effort.unit}",
             )
         elif effort.named.strange_unit:
-            unit = effort.named.strange_unit
-            signal = "tau"
+            unit, signal = effort.named.strange_unit, "tau"
             detail = (
                 f"{names} are in {unit}, which is not a unit of torque: take them as currents (current1=…), and give "
                 f"drive gains in N m per {unit}."
@@ -455,8 +456,7 @@ class WorkingProposal:
             self.add_question("effort_kind", detail, ("motor_current",))
         elif effort.signal == "effort":
             if kind == "unknown":
-                detail = f"What are {names}: torques of the joints, or currents of the motors?"
-                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+                self.questions.append(ask_for_kind(names, effort.named.words))
             signal = "current" if kind == "motor_current" else "tau"
         elif kind == "motor_torque" and known_gains:
             # Drive gains are N m per unit of these numbers, whatever that is.

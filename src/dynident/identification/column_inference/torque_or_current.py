@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.identification.column_inference.dynamics_fits import DynamicsFits
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, has_wrong_columns
 from dynident.identification.column_inference.metadata_proposal import SURE, Question, UnitGuess
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.description_fit import FAIR, TorqueScales, compare_with_description
@@ -248,6 +248,8 @@ def _classify_measured(
     # External torques are what remains without the robot's own dynamics, so the motion cannot explain them.
     with_gravity = measure_unexplained_share(fits.robot, motion)
     if with_gravity > _NOTHING:
+        if has_wrong_columns(fits, q, tau):
+            return _classify_by_name(signal, unit, 0.6, "by its name; its columns, which are asked for, are wrong")
         return EffortGuess(
             "external",
             0.6,

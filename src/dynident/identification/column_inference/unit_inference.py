@@ -13,7 +13,8 @@ from dynident.array_types import FloatArray
 from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import SURE, UnitGuess
 from dynident.number_format import format_percent
-from dynident.recordings.recording import JointKind
+from dynident.recordings.position_checks import has_other_unit
+from dynident.recordings.recording import JointKind, JointLimits
 from dynident.recordings.units import FACTORS, find_conversion
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import measure_reach
@@ -25,9 +26,8 @@ HARDLY_MOVES = np.deg2rad(10.0)
 """rad: angles said to be degrees that stay within this may be radians."""
 
 MOST_MOTION, CLEARLY = 4.0 * np.pi * 1.05, 1.25
-"""rad: no joint with limits moves further; two turns, and a little. A pendulum that turns over may go twice as far. The
-second is the ratio of the unexplained shares above which another unit is ruled out."""
-
+"""rad: no joint with limits moves further; two turns, and a little. And the ratio of the unexplained shares above which
+another unit is ruled out."""
 
 WELL_KNOWN = (
     *(float(2**k) for k in range(8, 27)),
@@ -152,18 +152,8 @@ def _compute_unexplained_counts(
     return unexplained
 
 
-__all__ = [
-    "SURE",
-    "UnitGuess",
-    "compute_reach",
-    "convert_mixed_torques",
-    "get_factor",
-    "guess_current_unit",
-    "guess_position_unit",
-    "guess_rate_unit",
-    "guess_stroke_unit",
-    "guess_torque_unit",
-]
+__all__ = ["SURE", "UnitGuess", "compute_reach", "convert_mixed_torques", "get_factor", "guess_current_unit",
+           "guess_position_unit", "guess_rate_unit", "guess_stroke_unit", "guess_torque_unit"]  # fmt: skip
 
 _MORE = 1.05
 """Share of a joint's range that its motion may exceed: limits of descriptions are rounded."""
@@ -206,11 +196,16 @@ def guess_position_unit(
         return wrapped
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     reach = float((high - low).max())
+    whole = bool((q[:, turning] == np.rint(q[:, turning])).all())
+    # Joints without limits turn as often as they like, where they are not counted in steps of an encoder.
+    speed = None if whole else fits.measure_speed(q[:, turning])
     # First what the joints' limits allow; then, where several units are left, what the dynamics explain best.
-    possible = [unit for unit in ("rad", "deg", "mrad", "rev") if _is_possible_unit(robot, turning, low, high, unit)]
+    possible = [
+        unit for unit in ("rad", "deg", "mrad", "rev") if _is_possible_unit(robot, turning, low, high, unit, speed)
+    ]
     likely = [unit for unit in possible if get_factor("q", "revolute", unit) * reach >= LEAST_MOTION]
     if stated is not None and stated in FACTORS["q", "revolute"]:
-        if stated in possible or _is_possible_unit(robot, turning, low, high, stated):
+        if stated in possible or _is_possible_unit(robot, turning, low, high, stated, speed):
             fitting = UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
             return (_doubt_degrees(robot, q, tau, fits) if stated == "deg" and "rad" in likely else None) or fitting
         beyond = f"its name says {stated}, but that goes beyond the robot's limits"
@@ -224,7 +219,6 @@ def guess_position_unit(
         return UnitGuess(stated, 0.5, beyond)
     # Hardly anyone logs mrad or revolutions, so these need the fit to be taken.
     usual = [unit for unit in likely if unit in ("rad", "deg")]
-    whole = bool((q[:, turning] == np.rint(q[:, turning])).all())
     if not {"rad", "deg"} & set(possible) and (whole or not possible):
         counted = guess_counts_unit(robot, turning, q, tau, fits)
         if counted is not None:
@@ -291,19 +285,24 @@ _JUMP, _STEP = 0.9, 0.1
 """Shares of a turn: of the steps by which angles wrap at least, and of those of a motion at most."""
 
 
-def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
+def _is_possible_unit(
+    robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str, speed: FloatArray | None
+) -> bool:
     factor = get_factor("q", "revolute", unit)
     for place, joint in enumerate(turning):
         limits = robot.joints[joint].reach
-        is_limited = limits is not None and limits[1] > limits[0]
-        most = MOST_MOTION if is_limited or unit != "rad" else 2.0 * MOST_MOTION
-        if limits is not None and is_limited:
+        if limits is not None and limits[1] > limits[0]:
             tolerance = 0.05 * (limits[1] - limits[0]) + 0.1
             # Only the width of the motion is compared with the limits: the zero may be another, and a turn more or
             # less is the same place.
             if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + tolerance:
                 return False
-        if abs(factor) * max(high[place] - low[place], abs(low[place]), abs(high[place])) > most:
+        elif speed is not None and unit in ("rad", "deg"):
+            unlimited = JointLimits(velocity=robot.joints[joint].limits.velocity)
+            if has_other_unit(unlimited, 0.0, 0.0, factor * float(speed[place]), 1.0):
+                return False
+            continue
+        if abs(factor) * max(high[place] - low[place], abs(low[place]), abs(high[place])) > MOST_MOTION:
             return False
     return True
 

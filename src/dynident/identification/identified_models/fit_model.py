@@ -277,6 +277,18 @@ def _join_names(names: Sequence[str]) -> str:
     return ", ".join(names[:_MOST_NAMED]) + (f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED))
 
 
+def is_worse_on_held_out(identification: Identification) -> bool:
+    """Return whether held-out data have a clearly larger error than the fit: something differs in them.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    """
+    held_out = identification.held_out_judged
+    return held_out is not None and held_out.relative_total > OVERFIT * identification.fit_judged.relative_total
+
+
 def _warn_of_overfit(identification: Identification) -> list[str]:
     held_out, fit = identification.held_out_judged, identification.fit_judged
     if held_out is None:
@@ -285,7 +297,7 @@ def _warn_of_overfit(identification: Identification) -> list[str]:
             "Give a recording that the fit does not use."
         ]
     # A model may fit noise as well. Held-out data show it, because their noise is another.
-    if held_out.relative_total > OVERFIT * fit.relative_total:
+    if is_worse_on_held_out(identification):
         reason = describe_other_conditions(identification) or (
             "the data do not determine the model, or the validation motion shows effects that the identification "
             "motion did not show, such as another load."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations, permutations, product
 from typing import Literal, Protocol
 
 import numpy as np
@@ -271,6 +271,7 @@ def list_possible_faults(
         # Limits of speed do not tell degrees of a slow motion.
         yield ColumnFault("position scaled", tuple(np.flatnonzero(revolute).tolist()), float(np.deg2rad(1.0)))
     yield from _list_reversed_order(moving)
+    yield from _list_rings(moving)
     if parallel is not None:
         for index in np.flatnonzero(parallel & moving):
             pair = (int(index), int(index) - 1)
@@ -287,6 +288,40 @@ def list_possible_faults(
         yield from (ColumnFault("torque scaled", (joint,), factor) for factor in FACTORS)
         if revolute is not None and revolute[joint]:
             yield from (ColumnFault("joint zero", (joint,), angle) for angle in ZEROS)
+
+
+def _list_rings(moving: BoolArray) -> Iterator[ColumnFault]:
+    """Yield all orders of the columns of a few joints but exchanges of one pair, and the reversed one."""
+    joints = tuple(np.flatnonzero(moving).tolist())
+    for order in permutations(joints) if len(moving) <= _FEW else ():
+        elsewhere = [(joint, source) for joint, source in zip(joints, order, strict=True) if joint != source]
+        if len(elsewhere) > 2 and order != joints[::-1]:
+            own, other = zip(*elsewhere, strict=True)
+            yield from (ColumnFault(kind, own, sources=other) for kind in _SWAPS[:2])
+
+
+_FEW = 4
+"""Joints whose columns are tried in all orders, 23 besides the right one; of more joints, exchanges of pairs add up."""
+
+
+def compose_swaps(first: ColumnFault, second: ColumnFault) -> ColumnFault | None:
+    """Return two exchanges as one, which a file with both needs; None where they are not of the same columns.
+
+    Parameters
+    ----------
+    first, second : ColumnFault
+        The second is one of the columns without the first.
+    """
+    shared = set(first.joints) & set(second.joints)
+    if not (first.is_swap and first.kind == second.kind and shared):
+        return None
+    sources = dict(first.places)
+    order = sources | {joint: sources.get(source, source) for joint, source in second.places}
+    elsewhere = sorted((joint, source) for joint, source in order.items() if joint != source)
+    if not elsewhere:
+        return None
+    own, other = zip(*elsewhere, strict=True)
+    return ColumnFault(first.kind, own, sources=other)
 
 
 def _list_reversed_order(moving: BoolArray) -> Iterator[ColumnFault]:

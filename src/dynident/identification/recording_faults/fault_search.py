@@ -19,6 +19,7 @@ from dynident.identification.recording_faults.column_faults import (
     TURNS,
     ColumnFault,
     Motion,
+    compose_swaps,
     list_chain_orders,
     list_possible_faults,
     silence_others,
@@ -65,26 +66,19 @@ from dynident.recordings import Recording
 from dynident.robot.robot_model import Robot
 
 MOST_JOINTS = 12  # longer chains have too many pairs to be tried while somebody waits
-
 CLEARLY_AGREES = 0.05
 """Mean over the joints of that logarithm by which other gains of some joints have to explain more, for the joints not
 to be in one unit: at most 0.04 with twice or half of it, on the open recordings."""
-
-ALIKE = 0.02
-"""Causes without which that mean falls as much, to this, cannot be told from each other."""
-
+ALIKE = 0.02  # causes without which that mean falls as much, to this, cannot be told from each other
 _APART = 0.75
 """Share of what is explained without a fault that its joints may explain by themselves, apart from the others: where
 it is more, they do not go with the others, for whatever reason. Of right short motions it was 0.9 and more where an
 order or a sign looked wrong, with what was planted at most 0.5. What comes of it is among the short motions of
 `benchmarks/gross_mistakes.py`."""
-
 CURED = 0.3
 """Of what is left without a fault on an average joint: where it is more, something else is wrong."""
-
 WORST_EXPLAINED = 0.15
 """Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
-
 _MOST_FAULTS = 3
 
 
@@ -203,9 +197,19 @@ def search_faults(
                 continue
         certain = _is_certain(step, now, *(judge.measure_frictions(rows) for rows in (motion, mended)))
         left_with, left_without = now.average_share, step.unexplained.average_share
-        findings.append(DetectedFault(step.fault, step.alike, left_with, left_without, certain, step.left_by_masses))
+        finding = DetectedFault(step.fault, step.alike, left_with, left_without, certain, step.left_by_masses)
+        # An exchange of columns that were exchanged before is one order with both: who maps columns knows the file's.
+        joined = _join_exchanges(findings[-1], finding) if findings else None
+        findings = [*findings[:-1], joined] if joined else [*findings, finding]
         motion, now = mended, step.unexplained
     return tuple(findings), now
+
+
+def _join_exchanges(first: DetectedFault, second: DetectedFault) -> DetectedFault | None:
+    if (fault := compose_swaps(first.fault, second.fault)) is None:
+        return None
+    alike = tuple(compose_swaps(first.fault, twin) or twin for twin in second.alike)
+    return replace(second, fault=fault, alike=alike, left_with=first.left_with)
 
 
 _Trial = tuple[ColumnFault, UnexplainedTorque]

@@ -27,7 +27,7 @@ from dynident.recordings.conditioning.missing_and_held import (
 from dynident.recordings.conditioning.signed_registers import SignedRegisters
 from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window, cut_into_windows
 from dynident.recordings.file_source import RawRows
-from dynident.recordings.position_checks import DEGREE, has_other_unit, is_counted
+from dynident.recordings.position_checks import DEGREE, has_other_unit, is_counted, is_far_without_limits
 from dynident.recordings.recording import JointLimits
 from dynident.recordings.recording_metadata import Check
 from dynident.recordings.sampling_clock import TimeBase
@@ -130,7 +130,8 @@ class FullVoltage:
             if gain != 0.0 and np.isfinite(q).any():
                 low, high = float(np.nanmin(q)), float(np.nanmax(q))
                 small = DEGREE if joint.kind == "revolute" else 1e-3
-                if has_other_unit(joint, low, high, 0.0, small) or is_counted(joint, low, high):
+                is_of_other_unit = has_other_unit(joint, low, high, 0.0, small) or is_counted(joint, low, high)
+                if is_of_other_unit or is_far_without_limits(joint, low, high):
                     return True
         return False
 
