@@ -35,7 +35,7 @@ from engine.scene import Scene, dof_of
 
 import dynident as dy
 from dynident.advice.campaign import add_run, plan_run, start_campaign
-from dynident.advice.campaign_request import CampaignRequest, Decision, list_designs
+from dynident.advice.campaign_request import DESIGN_STARTS, CampaignRequest, Decision, list_designs
 from dynident.advice.payload_goal import select_payload_errors
 from dynident.diagnosis import diagnose
 from dynident.effects import LINKS, ReferenceParameters, Signals, build_columns
@@ -297,8 +297,8 @@ def print_runs(state, history) -> None:
     print(f"  {state.decision.sentence}", flush=True)
 
 
-def print_curves(curves, goal: float) -> None:
-    """Print the true error over robot time of the campaigns and their rivals, and when each is at the goal."""
+def print_curves(curves, ends: list[float], goal: float) -> None:
+    """Print the true error over robot time of campaigns and rivals, and when each is at the goal, or is said to be."""
     rows = []
     for kind, histories in curves.items():
         for k in range(max(map(len, histories))):
@@ -313,8 +313,8 @@ def print_curves(curves, goal: float) -> None:
     print(format_text_table("True error over robot time", heads, rows, len(rows), right_from=1))
     rows = []
     for kind, histories in curves.items():
-        # A campaign ends when it knows that it is at the goal; a rival, when the truth is.
-        at = [history[-1][0] if kind == "campaign" else find_goal(history, goal) for history in histories]
+        # A campaign is at the goal when it says so; a rival, when the truth is.
+        at = ends if kind == "campaign" else [find_goal(history, goal) for history in histories]
         low, middle, most = 60 * np.quantile(at, (0.05, 0.5, 0.95), method="higher")
         rows.append([kind, f"{middle:.1f}", f"{low:.1f}", f"{most:.1f}", f"{np.isinf(at).sum()} of {len(at)}"])
     heads = ["who", "seconds: median", "of 5 %", "of 95 %", "never"]
@@ -335,6 +335,8 @@ class Tally:
     programme: list[tuple[float, bool]] = field(default_factory=list)
     seconds: list[tuple[float, float]] = field(default_factory=list)
     curves: dict[str, list] = field(default_factory=dict)
+    ends: list[float] = field(default_factory=list)
+    """Robot minutes after which each campaign that has rivals said *reached*; infinite of those that gave up."""
 
     def add(self, arm: VirtualArm, state, history) -> None:
         """Take in a campaign that is over."""
@@ -357,6 +359,7 @@ class Tally:
     def add_rivals(self, arm: VirtualArm, state, history) -> None:
         """Let the rivals run on the arm of a campaign that is over."""
         own = [(minutes, float(error.max())) for minutes, _, error, _ in history]
+        self.ends.append(history[-1][0] if state.decision.code == "reached" else np.inf)
         for kind, curve in {"campaign": own, **run_rivals(arm, state)}.items():
             self.curves.setdefault(kind, []).append(curve)
 
@@ -381,7 +384,7 @@ class Tally:
                 f"programme of {PROGRAMME_RUNS} runs takes {np.median(minutes):.2f} min and names {np.mean(named):.0%}"
             )
         if self.curves:
-            print_curves(self.curves, self.goal)
+            print_curves(self.curves, self.ends, self.goal)
         longest = np.max(self.seconds, axis=0)
         print(f"longest ask {longest[0]:.1f} s, tell {longest[1]:.1f} s of processor time")
 
@@ -412,7 +415,8 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--goal", type=float, default=0.02)
     parser.add_argument("--minutes", type=float, default=3.0)
-    parser.add_argument("--starts", type=int, default=4, help="starts of a design's search: the same on any machine")
+    words = "starts of a design's search: the same on any machine"
+    parser.add_argument("--starts", type=int, default=DESIGN_STARTS, help=words)
     parser.add_argument("--hidden", action="store_true", help="hide an effect in each arm")
     parser.add_argument("--rivals", action="store_true")
     parser.add_argument("--mujoco", action="store_true", help="another engine moves the arms")

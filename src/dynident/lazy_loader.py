@@ -59,6 +59,9 @@ class LazyModule:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
+        # Copies, and pickles that are read, are asked for special names before they have any of their own.
+        if name.startswith("_") and "_name" not in vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         return getattr(import_module(self._name), name)
 
 

@@ -190,10 +190,17 @@ def test_runs_without_a_promise_leave_the_time_for_those_that_have_to_follow(pla
     # The shortest run that follows takes 3.5 s with its moves, which are known once a motion is designed.
     assert plan(9.4) == (2.5, [5.0, 2.5])
     assert plan(3.6) == (2.5, [2.5])
-    with pytest.raises(dy.DynidentError, match=r"takes 3\.50 s with its moves from and to home"):
+    first = r"The first run, at 30\.0.% of the velocity limits, takes 3\.50 s with its moves from and to home"
+    with pytest.raises(dy.DynidentError, match=first) as refused:
         plan(3.0)
+    assert refused.value.pointer == "/minutes"
     load = {"goal": "payload", "unloaded_runs": 2}
-    assert [plan(seconds, **load)[0] for seconds in (13.1, 12.9)] == [5.0, 2.5]
+    assert [plan(seconds, **load)[0] for seconds in (13.1, 12.9, 10.6)] == [5.0, 2.5, 2.5]
+    with pytest.raises(
+        dy.DynidentError, match=r"3 runs, the last with the load, take 10\.5 s with their moves"
+    ) as refused:
+        plan(10.4, **load)
+    assert refused.value.pointer == "/minutes"
     # For effects a run is as long as it may be.
     state = after_first
     for left, expected in ((11.1, (10.0, [10.0])), (10.9, (5.0, [10.0, 5.0])), (5.1, (2.5, [5.0, 2.5]))):
@@ -514,6 +521,14 @@ def test_decisions_say_what_is_in_the_way():
     long, few = (replace(REQUEST, error=0.002, minutes=1000.0, runs=runs) for runs in (10_000, 4))
     codes = [decided(parameters=0.03, lacking=0.0, runs=3, request=request).code for request in (long, few)]
     assert codes == ["next_run", "not_reachable"]
+    # A load has no relative error that could be larger, and an effect none at all.
+    for goal, larger in (
+        ("torque", " or a larger error"),
+        ("payload", " or a larger mass_error or centre_error"),
+        ("effects", ""),
+    ):
+        request = replace(REQUEST, goal=goal, decide=ARM.joint_names, quantities=ARM.joint_names, minutes=0.05)
+        assert decided(parameters=2.0, lacking=0.0, request=request).sentence.endswith(f"Give more{larger}.")
     broken = decided(parameters=0.5, lacking=0.0, promised=0.01)
     assert "less than promised" in broken.sentence
 

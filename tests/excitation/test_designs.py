@@ -181,6 +181,25 @@ def test_random_motions_that_are_only_compared_take_few_evaluations(panda):
     assert counts[1] <= 0.6 * counts[0]
 
 
+@pytest.mark.parametrize("fine", [True, False])
+def test_a_random_motion_that_has_to_be_small_is_made_small(panda, fine):
+    family = FourierFamily(5, 10.0)
+    x = np.random.default_rng(0).standard_normal((family.n_coefficients, panda.n))
+    x[0] = build_bounds(panda, {}).middle
+
+    class Accelerated:
+        def torque(self, q, dq, ddq):
+            return ddq
+
+    def scale(limit):
+        bounds = replace(build_bounds(panda, {}), torque=np.full(panda.n, limit))
+        return AmplitudeScaler(family, bounds, Accelerated(), fine=fine).scale_down(x)
+
+    wide, small = scale(np.inf), scale(0.02)
+    assert small is not None
+    assert 0 < np.abs(small[1:]).max() < np.abs(wide[1:]).max() / 64
+
+
 @pytest.mark.parametrize("criterion", ["d_optimal", "weighted", "equilibrated"])
 def test_every_criterion_lowers_its_own_value(scara, criterion):
     anywhere = Surroundings(assume_floor=False)

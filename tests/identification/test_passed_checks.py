@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -69,7 +73,7 @@ def test_another_row_robot_name_or_library_is_checked(
     check(replace(ROBOT, gravity=np.array([0.0, 0.0, -9.8])), recording)
     check(ROBOT, replace(recording, joint_names=tuple(name.upper() for name in recording.joint_names)))
     assert len(checked) == 4
-    monkeypatch.setattr(robot_recording_import, "describe_library", lambda: "of tomorrow")
+    monkeypatch.setattr(code_cache, "describe_library", lambda: "of tomorrow")
     check(ROBOT, recording)
     assert len(checked) == 5
 
@@ -80,3 +84,46 @@ def test_what_did_not_pass_is_checked_each_time(checked: list[Recording]) -> Non
     assert {item.status for item in first} != {"ok"}
     assert again == first
     assert len(checked) == 2
+
+
+def find_entries(folder: Path) -> list[Path]:
+    """Return the files of checks; those of compiled code hold no list."""
+    hash_size = sha256().digest_size
+    return [path for path in (folder / "code").iterdir() if path.read_bytes()[hash_size:].startswith(b"[")]
+
+
+@pytest.mark.parametrize("data", [b"\xff", b"{}", b"null", b"5", b"[]", b"[[1]]", b"[[1, 2]]", b'{"ab": 1}', b'["ab"]'])
+def test_an_entry_of_something_else_is_checked_again(checked: list[Recording], tmp_path: Path, data: bytes) -> None:
+    first = check(ROBOT, make_recording())
+    (entry,) = find_entries(tmp_path)
+    entry.write_bytes(sha256(data).digest() + data)
+    assert check(ROBOT, make_recording()) == first
+    assert len(checked) == 2
+
+
+def test_nothing_is_kept_of_what_did_not_pass(checked: list[Recording], tmp_path: Path) -> None:
+    check(ROBOT, make_recording((1.0, -1.0, 1.0, 1.0)))
+    assert find_entries(tmp_path) == []
+
+
+def test_what_cannot_be_pickled_is_checked_each_time(checked: list[Recording]) -> None:
+    recording = replace(make_recording(), payload=MappingProxyType({"mass": 1.0}))
+    assert check(ROBOT, recording) == check(ROBOT, recording)
+    assert len(checked) == 2
+
+
+def test_without_a_cache_nothing_is_hashed(checked: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(code_cache.SETTING, "")
+    monkeypatch.setattr(robot_recording_import, "sha256", lambda *_: pytest.fail("there is no cache"))
+    assert check(ROBOT, make_recording())
+    assert len(checked) == 1
+
+
+def test_another_python_or_package_is_another_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    described = code_cache.describe_library.__wrapped__()
+    for package in ("numpy", "scipy", "casadi", "pin"):
+        with monkeypatch.context() as patch:
+            patch.setattr(code_cache, "version", lambda name, own=package: "0.0" if name == own else version(name))
+            assert code_cache.describe_library.__wrapped__() != described
+    monkeypatch.setattr(sys, "version", "4.0")
+    assert code_cache.describe_library.__wrapped__() != described

@@ -9,15 +9,19 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+
+from dynident.advice.campaign_request import DESIGN_STARTS
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 TESTS = BENCHMARKS.parent / "tests"
 SMALL = {
     "acceptance": "--requests 30 --clients 2",
-    "campaigns": "--seeds 1 --goal 0.05 --budget 1",
+    "campaigns": "--seeds 1 --goal 0.05 --starts 1",
     "changes": "--pairs 1 --processes 1",
     "clean_residuals": "--cases 1 --processes 1",
     "closed_loops": "",
@@ -133,6 +137,36 @@ def test_fewer_seconds_and_more_samples_are_better(run: dict[str, Any]) -> None:
         "59.2 s",
         "192 MB",
     ]
+
+
+@pytest.fixture
+def campaigns(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
+    """The names of the script of campaigns; what it imports from its own folder goes again."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    yield runpy.run_path(str(BENCHMARKS / "campaigns.py"))
+    for name in [name for name in sys.modules if name.split(".")[0] in ("common", "engine")]:
+        sys.modules.pop(name)
+
+
+def test_campaigns_search_as_the_library_does(campaigns: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    searches: list[int] = []
+    campaigns["main"].__globals__["measure_loads"] = lambda asked, design: searches.append(design.starts)
+    monkeypatch.setattr(sys, "argv", ["campaigns.py", "--load", "0.02"])
+    campaigns["main"]()
+    assert searches == [DESIGN_STARTS]
+
+
+def test_a_campaign_that_gave_up_is_never_at_its_goal(
+    campaigns: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaigns["Tally"].add_rivals.__globals__["run_rivals"] = lambda arm, state: {"random, 2 s": [(0.1, 0.01)]}
+    tally = campaigns["Tally"](0.02)
+    for code in ("reached", "not_reachable", "out_of_time"):
+        state = SimpleNamespace(decision=SimpleNamespace(code=code))
+        tally.add_rivals(None, state, [(0.2, None, np.array([0.01]), None)])
+    campaigns["print_curves"](tally.curves, tally.ends, tally.goal)
+    times = capsys.readouterr().out.split("Robot time until the goal")[1]
+    assert [line.split()[-3:] for line in times.splitlines() if " of 3" in line] == [["2", "of", "3"], ["0", "of", "3"]]
 
 
 def mark_long(names: Iterable[str]) -> list[Any]:

@@ -143,6 +143,12 @@ def test_what_no_motion_can_be_designed_for_is_refused_at_once(live: Client) -> 
         assert caught.value.errors[0]["pointer"] == place
 
 
+def test_a_time_that_is_too_short_with_the_moves_is_pointed_out_in_the_body(live: Client) -> None:
+    with pytest.raises(ProblemError, match="with its moves from and to home") as caught:
+        live.campaigns.ask(begin(live, budget={"robot_time": 3.01})).wait()
+    assert caught.value.errors[0]["pointer"] == "/budget/robot_time"
+
+
 def test_parameters_and_effects_are_goals_as_well(live: Client) -> None:
     known = begin(live, goal={"kind": "parameters", "parameters": ["Fc1", "Fv1"], "error": 0.5})
     sought = begin(live, goal={"kind": "effects", "effects": ["stribeck"]})

@@ -61,6 +61,12 @@ def test_draws_leave_out_what_neighbours_that_depend_on_each_other_add():
     assert shares.min() < 0.5 < 0.8 < np.median(shares)
     np.testing.assert_allclose(ratios, shares, rtol=0.25)
     assert not any(one.outside for one in slow.parameters)
+    # That they are as small as they have to be confirms nothing of the rest.
+    small = [one.name for one in slow.parameters if one.ratio < 0.5]
+    assert slow.judged.verdict == "pass"
+    assert f"For {len(small)} of {len(slow.parameters)} they are less than 0.5 times" in slow.judged.reason
+    assert small[0] in slow.judged.reason.split("do not confirm")[1]
+    assert "do not confirm" not in validate_bootstrap(FOUND).judged.reason
 
 
 def test_deviations_that_leave_out_what_joints_share_fail_by_name():

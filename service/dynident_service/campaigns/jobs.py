@@ -90,16 +90,22 @@ def build_campaign_request(body: CampaignRequest) -> RequestedCampaign:
     )
 
 
+@contextmanager
+def _point_into_body() -> Iterator[None]:
+    """Let errors point into the body of a request; the library points into its own request."""
+    try:
+        yield
+    except DynidentError as error:
+        error.pointer = _PLACES.get(error.pointer, error.pointer)
+        raise
+
+
 def check_request(body: CampaignRequest, robot: Robot) -> None:
     """Raise `DynidentError` with its place in the body where no campaign of this robot can be started."""
     requested = build_campaign_request(body)
     check_choices(requested.choices.effects, robot)
-    try:
+    with _point_into_body():
         start_campaign(robot, requested)
-    except DynidentError as error:
-        # The library points into its own request.
-        error.pointer = _PLACES.get(error.pointer, error.pointer)
-        raise
 
 
 def design_next_run(task: Task) -> Outcome:
@@ -113,7 +119,8 @@ def design_next_run(task: Task) -> Outcome:
         design = state.request.design
         surroundings = replace(design.surroundings, mesh_folders=tuple(map(str, folders)))
         request = replace(state.request, design=replace(design, surroundings=surroundings))
-        planned = plan_run(replace(state, request=request), task.progress)
+        with _point_into_body():
+            planned = plan_run(replace(state, request=request), task.progress)
     with tempfile.TemporaryDirectory() as folder:
         path = write_trajectory(planned.design, Path(folder) / "trajectory.parquet")
         trajectory = task.store_file("trajectory", path, "application/vnd.apache.parquet")

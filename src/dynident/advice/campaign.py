@@ -17,14 +17,15 @@ from dynident.advice.campaign_request import (
     CampaignRequest,
     Decision,
     check_time,
+    check_time_with_moves,
     describe_broken_promise,
     describe_first_run,
-    describe_short_time,
     estimate_rest,
     limit_search,
     list_designs,
     list_targets,
     select_longest,
+    word_larger_error,
     word_share,
 )
 from dynident.advice.payload_goal import (
@@ -241,8 +242,8 @@ def plan_run(state: CampaignState, progress: Progress = ignore_progress) -> Plan
         design = _design_motion(state, chosen, scale_progress(progress, 0.0, 0.5), speed)
         if (fitting := select(design.moves)) is not chosen:
             design = _design_motion(state, fitting, scale_progress(progress, 0.5, 1.0), speed)
-        if not state.runs and design.duration > state.seconds_left:
-            raise DynidentError(describe_short_time(design.duration, state.seconds_left))
+        if not state.runs:
+            check_time_with_moves(request, design.duration, design.moves)
         return PlannedRun(design, None)
     now, goal, runs = float(state.runs[-1].errors.max()), request.largest_error, request.runs - len(state.runs)
 
@@ -443,13 +444,12 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
             f"no effect of the catalogue explains; more runs do not reach {format_percent(goal)}.{remarks}",
         )
     if not has_time:
-        larger = "" if state.request.goal == "effects" else " or a larger error"
         spent = (
             f"All {format_count(len(state.runs), 'run')} are made"
             if len(state.runs) >= state.request.runs
             else f"Less than one run is left of {state.request.minutes:g} min"
         )
-        return Decision("out_of_time", f"{spent}. {stand}. Give more{larger}.{remarks}")
+        return Decision("out_of_time", f"{spent}. {stand}. Give more{word_larger_error(state.request.goal)}.{remarks}")
     # The first motion (with a load, too) is slow, and one search may end poorly: the second at full speed says more.
     n_before = state.request.unloaded_runs if state.request.goal == "payload" else 0
     if planned is not None and measure is not None and len(state.runs) > n_before + FEWEST_RUNS:
@@ -462,7 +462,7 @@ def decide(state: CampaignState, measure: ErrorMeasure | None, planned: PlannedR
                 "not_reachable",
                 f"In the remaining time and runs, {names[joint]} comes to {share}, "
                 f"not to {format_percent(goal)}; now it is {reached}. Give more minutes or runs{unloaded}, "
-                f"wider limits or a larger error.{remarks}",
+                f"wider limits{word_larger_error(state.request.goal)}.{remarks}",
             )
     wanted = {
         "effects": "its usual size has to show",

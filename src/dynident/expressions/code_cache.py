@@ -6,17 +6,19 @@ nothing is cached). What cannot be cached or read is computed; this is no error.
 
 from __future__ import annotations
 
+import json
 import os
+import pickle
+import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import numpy as np
 import platformdirs
-import scipy
 
 from dynident.version import __version__
 
@@ -35,7 +37,7 @@ def load_or_compute(text: str, compute: Callable[[], bytes]) -> bytes:
         All that the bytes follow from, of machine code the names of compiler and processor included; its hash names
         the file.
     compute : function
-        Makes the bytes; called only if none are cached.
+        Makes the bytes; called only if none are cached. Nothing (no bytes) is not cached.
 
     Returns
     -------
@@ -47,20 +49,42 @@ def load_or_compute(text: str, compute: Callable[[], bytes]) -> bytes:
         return compute()
     path = folder / sha256(text.encode()).hexdigest()
     code = _read(path)
-    if code is None:
-        code = compute()
+    if code:
+        return code
+    code = compute()
+    if code:
         with suppress(OSError):
             _write(path, code)
             _remove_old_files(folder)
     return code
 
 
+def read_pairs(cached: bytes) -> list[tuple[str, str]]:
+    """Return pairs of texts from JSON; none where the bytes are of anything else."""
+    with suppress(ValueError, TypeError):
+        pairs = json.loads(cached)
+        if pairs == [[str(first), str(second)] for first, second in pairs]:
+            return [(first, second) for first, second in pairs]
+    return []
+
+
+def pickle_with_library(value: object) -> bytes | None:
+    """Return bytes that differ for other values and by another state of this library; None where there are none."""
+    try:
+        return pickle.dumps((describe_library(), value))
+    except (pickle.PicklingError, TypeError, AttributeError):  # such as views of mappings, and functions in functions
+        return None
+
+
 @cache
 def describe_library() -> str:
     """Return sizes and times of this library's files, and versions: with others it may compute something else."""
-    root = Path(__file__).parents[1]
+    root, versions = Path(__file__).parents[1], [sys.version, __version__]
     files = [(path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.py"))]
-    return f"{__version__} {np.__version__} {scipy.__version__} {files}"
+    for package in ("numpy", "scipy", "casadi", "pin"):
+        with suppress(PackageNotFoundError):  # not all installers say what they installed
+            versions.append(f"{package} {version(package)}")
+    return f"{versions} {files}"
 
 
 def code_folder() -> Path | None:

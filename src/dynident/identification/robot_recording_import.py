@@ -6,7 +6,6 @@ Holds how many faults are cured one after the other (5).
 from __future__ import annotations
 
 import json
-import pickle
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.expressions.code_cache import describe_library, load_or_compute
+from dynident.expressions.code_cache import code_folder, load_or_compute, pickle_with_library, read_pairs
 from dynident.identification.recording_faults import build_dynamics_checks
 from dynident.identification.recording_faults.column_faults import ColumnFault
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
@@ -143,21 +142,24 @@ def skip_passed_checks(robot: Robot) -> ModelChecks:
         def find_passed() -> bytes:
             checked.append(check(recording, q, tau))
             items = checked[0] or ()
-            has_passed = all(item == Check(item.name, "ok", item.detail) for item in items)
-            return json.dumps([(item.name, item.detail) for item in items if has_passed]).encode()
+            has_passed = items and all(item == Check(item.name, "ok", item.detail) for item in items)
+            return json.dumps([(item.name, item.detail) for item in items]).encode() if has_passed else b""
 
-        passed = json.loads(load_or_compute(_hash_checked(robot, recording, q, tau), find_passed))
-        if checked or not passed:
+        key = None if code_folder() is None else _hash_checked(robot, recording, q, tau)
+        pairs = [] if key is None else read_pairs(load_or_compute(key, find_passed))
+        if checked or not pairs:
             return checked[0] if checked else check(recording, q, tau)
-        return tuple(Check(name, "ok", detail) for name, detail in passed)
+        return tuple(Check(name, "ok", detail) for name, detail in pairs)
 
     return check_unless_passed
 
 
-def _hash_checked(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
-    """Return a hash of all that the checks depend on."""
+def _hash_checked(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str | None:
+    """Return a hash of all that the checks depend on; None where a part of it cannot be pickled."""
     described = [getattr(recording, field.name) for field in fields(recording) if field.name not in ("source", "path")]
-    digest = sha256(pickle.dumps((describe_library(), robot, described, list(q), list(tau))))
+    if (start := pickle_with_library((robot, described, list(q), list(tau)))) is None:
+        return None
+    digest = sha256(start)
     for rows in recording.source.rows(0, recording.n_samples, _HASHED_AT_ONCE):
         for values in rows:
             digest.update(b"" if values is None else values.tobytes())

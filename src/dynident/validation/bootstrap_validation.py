@@ -5,7 +5,7 @@ the equations and the columns of shape constants as they are at the estimate. Dr
 from the same blocks, which know a deviation to a share of 1 / sqrt(2 ν), with the ν degrees of freedom of its variance:
 where they differ by more than twice that, the deviation depends on how it is computed. Blocks that depend on their
 neighbours make a computed deviation larger, and draws of single blocks leave that out: by so much, drawn ones may be
-smaller.
+smaller. Drawn ones of less than half are named beside the verdict: of those the draws confirm only the smaller part.
 """
 
 from __future__ import annotations
@@ -30,6 +30,9 @@ from dynident.progress import Progress, ignore_progress
 _TWICE = 2.0
 _MOST_OUTSIDE = 0.1
 """Share of the parameters that may be outside: of deviations known so well, one in twenty would be by chance."""
+
+_CONFIRMED = 0.5
+"""Ratio of drawn over computed deviations below which three quarters of the variance are not from single blocks."""
 
 # Share of the draws that may be lost before the rest is no fair sample of them.
 _MOST_LOST = 0.1
@@ -211,11 +214,23 @@ def _judge_deviations(parameters: tuple[DrawnParameter, ...], result: Bootstrap,
     )
     if len(outside) <= _MOST_OUTSIDE * len(parameters):
         few = f"; the small number of blocks does not explain those of {_name_worst(outside)}" if outside else ""
-        return ValidationOutcome("pass", f"{middle[0].upper()}{middle[1:]}{few}.")
+        return ValidationOutcome("pass", f"{middle[0].upper()}{middle[1:]}{few}.{_word_unconfirmed(parameters)}")
     return ValidationOutcome(
         "fail",
         f"{middle[0].upper()}{middle[1:]}; {len(outside)} of {len(parameters)} differ by more than the small number "
-        f"of blocks explains: {_name_worst(outside)}. Use their intervals with care.",
+        f"of blocks explains: {_name_worst(outside)}. Use their intervals with care.{_word_unconfirmed(parameters)}",
+    )
+
+
+def _word_unconfirmed(parameters: tuple[DrawnParameter, ...]) -> str:
+    """Return a sentence on the deviations that draws of single blocks cannot confirm; "" if there are none."""
+    small = [parameter for parameter in parameters if not parameter.outside and parameter.ratio < _CONFIRMED]
+    if not small:
+        return ""
+    return (
+        f" For {len(small)} of {len(parameters)} they are less than {_CONFIRMED:g} times: most of the computed "
+        "variance comes from the dependence of neighbouring blocks, which draws of single blocks do not confirm: "
+        f"{_name_worst(small)}."
     )
 
 

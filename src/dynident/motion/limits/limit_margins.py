@@ -110,7 +110,10 @@ class AmplitudeScaler:
             return None
         low, high = 0.0, most
         # Torque and clearances are not linear in the amplitude: bisect. The lower end always keeps the limits.
-        for _ in range(self._bisections):
+        for count in range(_BISECTIONS):
+            # A coarse search is over once it has an amplitude: a motion that has to be small is not lost.
+            if count >= self._bisections and low > 0.0:
+                break
             middle = 0.5 * (low + high)
             low, high = (middle, high) if keeps_limits(middle) else (low, middle)
         # Zero would be no motion at all.
