@@ -35,6 +35,16 @@ class Remedy:
     def __str__(self) -> str:
         return f'"{self.field}": {_write_json(self.value)}'
 
+    def for_recording(self, name: str) -> Remedy:
+        """Return the remedy for one recording alone, as metadata of its own.
+
+        Parameters
+        ----------
+        name : str
+            Name of the recording.
+        """
+        return Remedy("metadata", {name: {self.field: self.value}})
+
 
 def word_remedies(text: str, remedies: Iterable[Remedy], write: Callable[[Remedy], str]) -> str:
     """Return a sentence with its remedies in another syntax.
@@ -68,6 +78,9 @@ _OTHER_ARGUMENTS = {
 
 def write_argument(remedy: Remedy) -> str:
     """Return a remedy as an argument of this package's functions; other front ends write it in their own syntax."""
+    if remedy.field == "metadata" and isinstance(remedy.value, Mapping):
+        ((name, own),) = remedy.value.items()
+        return f"{', '.join(write_argument(Remedy(*item)) for item in own.items())} for {name} alone"
     text = str(remedy).partition(": ")[2]
     if isinstance(remedy.value, tuple):
         text = f"({text[1:-1]},)" if len(remedy.value) == 1 else f"({text[1:-1]})"

@@ -129,6 +129,9 @@ def write_option(remedy: Remedy) -> str:
         return _OPTIONS_TO_FILL[remedy.field]
     if remedy.field == "role":
         return f"option --{value}"
+    if remedy.field == "metadata" and isinstance(value, Mapping):
+        ((name, own),) = value.items()
+        return f"--metadata {name}=FILE with {{{', '.join(str(Remedy(*item)) for item in own.items())}}}"
     if remedy.field == "locked_joints" and isinstance(value, Mapping):
         places = (name if not at else f"{name}={_write_value(at)}" for name, at in value.items())
         return f"--lock {_quote(','.join(places))}"

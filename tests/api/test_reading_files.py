@@ -207,7 +207,7 @@ def test_all_that_is_wrong_with_all_files_is_one_error(desk: Path, robot: dy.Rob
     told = str(raised.value)
     assert told.startswith("2 of 3 files cannot be used:")
     assert "degrees.csv: " in told
-    assert 'units={"q": "deg"}' in told
+    assert 'units={"q": "deg"} for degrees alone' in told
     assert "lacking.csv: There is no column tau_quill or tau3" in told
     assert '"units"' not in told
     blocking = [check for check in raised.value.checks if check.status == "error"]

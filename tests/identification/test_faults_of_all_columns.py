@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 
+from dynident.diagnosis.conclusion import point_to_check
 from dynident.errors import Remedy
 from dynident.identification import identify
 from dynident.identification.column_inference.column_statistics import Sample
@@ -19,6 +20,7 @@ from dynident.identification.recording_faults import (
     check_recording_faults,
     find_recording_faults,
 )
+from dynident.identification.recording_faults.description_fit import check_description
 from dynident.identification.recording_faults.fault_checks import _describe_cure
 from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.joint_angle_faults import find_parallel_axes, report_zeros_from_start
@@ -67,7 +69,9 @@ def measured(
 
 
 def findings(recording: Recording, robot: Robot = ROBOT) -> list[Check]:
-    return [one for one in build_dynamics_checks(robot)(recording, Q, TAU) or () if one.status != "ok"]
+    checks = build_dynamics_checks(robot)(recording, Q, TAU) or ()
+    # Loads are numbers that are added to those of a link here, and no bodies.
+    return [one for one in checks if one.status != "ok" and one.name != "description_inertias"]
 
 
 def test_a_turned_joint_with_little_friction_is_no_drive_that_is_off() -> None:
@@ -439,6 +443,25 @@ def test_a_description_in_grams_or_millimetres_is_what_is_wrong(masses: float, i
     (found,) = findings(record(ROBOT, *measured()), described)
     assert (found.name, found.status) == ("description_units", "warning")
     assert all(find_description_units(arm(name)) is None for name in ("ur10", "franka_panda", "scara", "crooked"))
+
+
+def test_a_description_in_centimetres_or_with_exchanged_inertias_is_told() -> None:
+    assert ROBOT.inertias is not None
+    assert all(not check_description(arm(name), None) for name in ("ur10", "franka_panda", "scara"))
+    joints = [replace(joint, placement=joint.placement.copy()) for joint in ROBOT.tree.joints]
+    for joint in joints:
+        joint.placement[:3, 3] *= 100.0
+    long = replace(ROBOT, joints=tuple(joints), inertias=ROBOT.inertias * np.array([1e4] * 6 + [1e2] * 3 + [1.0]))
+    (check,) = check_description(long, find_description_units(long))
+    assert check.name == "description_lengths"
+    assert "in cm (1" in check.detail
+    # Rows written where the upper triangle belongs: ixx, ixy, ixz, iyy, iyz, izz as ixx, iyy, izz, ….
+    exchanged = ROBOT.inertias.copy()
+    exchanged[2, :6] = exchanged[2, [0, 3, 5, 1, 2, 4]]
+    (check,) = check_description(replace(ROBOT, inertias=exchanged), None)
+    assert (check.name, check.status) == ("description_inertias", "warning")
+    assert f"gives {ROBOT.joint_names[2]} an inertia" in check.detail
+    assert point_to_check({"run": check_description(long, None)}).startswith("First correct")
 
 
 def test_of_cures_that_leave_alike_none_is_ordered() -> None:

@@ -431,6 +431,20 @@ def test_a_torque_that_is_called_measured_goes_before_the_feedback_of_a_controll
     assert (found.questions, found.columns["tau2"]) == ((), "tau_measured2")
 
 
+def test_angles_of_the_joints_are_taken_where_those_of_their_motors_stand_before_them() -> None:
+    given = log("ur10", 3)
+    theta = given.q + given.tau / np.array([2e5, 2e5, 1e5, 5e4, 5e4, 5e4])
+    columns, signals = {"t": given.t}, {"theta": theta, "q": given.q}
+    signals |= {f"d{name}": np.gradient(values, given.t, axis=0) for name, values in signals.items()}
+    for name, values in (signals | {"tau_J": given.tau}).items():
+        columns |= {f"{name}_{j + 1}": values[:, j] for j in JOINTS}
+    found = guess(ROBOT, columns)
+    assert (found.columns["q2"], found.columns["dq2"], found.questions) == ("q_2", "dq_2", ())
+    (unused,) = (one for one in found.guesses if "not used" in one.reason)
+    assert unused.value.startswith("theta_1, ")
+    assert "a second set" in unused.reason
+
+
 def test_a_raw_measurement_beside_a_torque_is_asked_about() -> None:
     given = log("ur10", 3)
     columns = {"time": given.t}

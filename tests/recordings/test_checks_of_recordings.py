@@ -24,6 +24,8 @@ from dynident.recordings import (
 )
 from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.file_source import RawSample
+from dynident.recordings.joint_phases import find_phases
+from dynident.recordings.signal_spectra import find_dead_zone
 
 LIMITS = tuple(JointLimits(position=(-3.0, 3.0), velocity=6.0, effort=200.0) for _ in JOINTS)
 
@@ -356,6 +358,31 @@ def test_all_torques_that_saturate_are_named(tmp_path):
     check = found(tmp_path, columns, "saturation")
     assert (check.status, check.column) == ("warning", "tau3")
     assert re.search(r"So do tau2 in 7\.0.%, tau1 in 3\.0.% of the rows\.$", check.detail)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_a_torque_that_is_zero_below_a_threshold_has_a_dead_zone(tmp_path, share):
+    columns = motion()
+    tau = columns["tau2"] - np.median(columns["tau2"])
+    threshold = np.quantile(np.abs(tau), share)
+    # On both sides, and of a torque that is below zero only.
+    for values in (tau, np.minimum(tau, 0.0)):
+        columns["tau2"] = np.where(np.abs(values) < threshold, 0.0, values)
+        check = found(tmp_path, columns, "dead_zone")
+        assert (check.status, check.column) == ("warning", "tau2")
+        assert f"below {threshold:.2g}"[:-1] in check.detail
+        assert found(tmp_path, columns, "saturation").status == "ok"
+    recording, _ = given(tmp_path, columns)
+    assert recording.torque_ranges[1] == pytest.approx((threshold, -threshold), rel=0.05)
+    assert sum(len(rows[1].starts) for rows in find_phases(recording).clipped) > 0.0
+
+
+def test_a_drive_that_is_switched_has_no_dead_zone(tmp_path):
+    columns = motion()
+    t, tau = columns["t"], columns["tau2"]
+    steps = np.where(t % 2.0 < 0.7, 0.0, np.ptp(tau) * np.sign(np.sin(3.0 * t)) + 0.01 * tau)
+    for values in (np.where(t % 2.0 < 0.5, 0.0, tau + np.ptp(tau)), steps, np.rint(3.0 * tau / np.ptp(tau))):
+        assert not find_dead_zone(values, columns["q2"])
 
 
 def test_the_torque_behind_a_brake_is_named_without_the_coordinates_of_the_base():

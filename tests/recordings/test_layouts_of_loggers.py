@@ -157,6 +157,26 @@ def test_rows_in_a_wrong_order_say_so(tmp_path):
         values[[row, row + 1]] = values[[row + 1, row]]
     path = write_table(tmp_path / "order.csv", ["t", *columns_of(run, "q", "tau")], values)
     assert "Sort the rows" in propose(read_sample(path), machine("ur10")).questions[0].detail
+    # Where only times were exchanged sorting would ruin the rows.
+    values = np.column_stack([run.t, run.q, run.tau])
+    values[50:-1:50, 0], values[51::50, 0] = values[51::50, 0], values[50:-1:50, 0].copy()
+    path = write_table(tmp_path / "times.csv", ["t", *columns_of(run, "q", "tau")], values)
+    assert "Do not sort them" in propose(read_sample(path), machine("ur10")).questions[0].detail
+
+
+@pytest.mark.parametrize(("rate", "start", "digits"), [(200.0, 1517383224.918554, 9), (61.3, 0.0, 9), (97.0, 41.0, 6)])
+def test_zeros_behind_the_point_of_a_time_are_put_back(tmp_path, rate, start, digits):
+    run = recorded("ur10", rate, 10)
+    ticks = [round((start + t) * 10**digits) for t in run.t.tolist()]
+    stamps = [f"{tick // 10**digits}.{tick % 10**digits}" for tick in ticks]
+    rows = [",".join([stamp, *map(str, row)]) for stamp, row in zip(stamps, np.c_[run.q, run.tau], strict=True)]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([",".join(["t", *columns_of(run, "q", "tau")]), *rows, ""]))
+    assert not propose(read_sample(path), machine("ur10")).questions
+    (item,) = read_recordings(path, robot=machine("ur10"))
+    assert len(item.recording.segments) == 1
+    assert 1.0 / item.recording.period == pytest.approx(rate, rel=1e-4)
+    assert "lost the zeros" in next(check.detail for check in item.checks if check.status == "warning")
 
 
 def check_signals(signals: tuple[np.ndarray, ...], run: Recorded, layout: str) -> None:
@@ -425,7 +445,7 @@ def test_a_clock_that_is_put_back_begins_a_segment_and_rows_in_a_wrong_order_do_
     assert len(item.recording.segments) == 2
     assert "1700000006.000 to 1700000005.655" in check.detail
     order = np.r_[0:500, 700:900, 500:700, 900 : len(t)]
-    with pytest.raises(RecordingError, match="Sort the rows"):
+    with pytest.raises(RecordingError, match="sort the rows"):
         read(t[order], values[order])
 
 

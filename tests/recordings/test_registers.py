@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.drawn_recordings import Log, guess, log, read, signals
 
-from dynident.recordings.conditioning.signed_registers import find_register
+from dynident.recordings.conditioning.signed_registers import check_lost_sign, find_register
 
 COUNTS = {7: 100.0, 10: 900.0, 11: 1500.0, 15: 20000.0, 31: 1.5e9}
 
@@ -68,6 +68,18 @@ def test_a_wrapped_position_of_a_multi_turn_counter_is_read_with_its_sign(tmp_pa
     columns = given.columns(q=np.where(counts < 0, 65536 + counts, counts))
     found = read(given.robot, tmp_path, columns, units={"q": "counts:16384"}, skip=("corrupted_samples",))
     np.testing.assert_allclose(signals(found)[0], given.q, atol=1e-3)
+
+
+def test_registers_times_a_constant_are_read_with_their_sign(tmp_path: Path) -> None:
+    # A driver makes mA of counts, and takes those below zero for large ones.
+    given, step = log(), 2.69
+    counts, _ = counted(given, 15)
+    raw = np.round(step * unsigned(np.rint(counts / 200), 15, "complement"), 2)
+    found = read(given.robot, tmp_path, given.columns(tau=raw), accept=("torque_scale",), skip=("corrupted_samples",))
+    assert "65536 times their step, 2.69," in next(one.detail for one in found.checks if one.name == "registers")
+    np.testing.assert_allclose(signals(found)[1], step * np.rint(counts / 200), atol=1e-2)
+    # Where signs are not to be read, they were not lost: an absolute value does not jump.
+    assert check_lost_sign(raw, ["a", "b", "c", "d", "e", "f"]) is None
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0], ids=["signed", "above zero"])

@@ -19,6 +19,12 @@ WRITTEN = [
     ),
     (Remedy("units", {"q": "deg"}), '"units": {"q": "deg"}', "--units q=deg", 'units={"q": "deg"}'),
     (
+        Remedy("units", {"q": "deg"}).for_recording("held"),
+        '"metadata": {"held": {"units": {"q": "deg"}}}',
+        '--metadata held=FILE with {"units": {"q": "deg"}}',
+        'units={"q": "deg"} for held alone',
+    ),
+    (
         Remedy("columns", {"tau1": "none", "tau2": "none"}),
         '"columns": {"tau1": "none", "tau2": "none"}',
         "--columns tau1=none,tau2=none",

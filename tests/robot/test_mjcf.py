@@ -8,7 +8,8 @@ import pytest
 from support.closed_loop_robots import MACHINES, machine, mjcf, states, torque_of_mujoco
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
+from dynident.identification.recording_faults.description_fit import describe_weightlessness
 from dynident.regressors.observation_matrix import Observation
 from dynident.robot import Robot, robot_from_mjcf
 from dynident.robot.description_and_json import robot_from_document, robot_to_document
@@ -211,3 +212,15 @@ def test_what_cannot_be_used_is_said_with_its_line(text: str) -> None:
 def test_files_with_looks_need_no_meshes_and_masses_from_primitive_shapes_count() -> None:
     robot = robot_from_mjcf("arm", ARM)
     assert robot.inertias[2, 9] == pytest.approx(0.5 + 1000 * np.pi * 0.03**2 * (np.sqrt(0.1) + 0.04), rel=1e-9)
+
+
+def test_gravity_that_the_simulation_takes_off_all_bodies_is_told():
+    remedy = Remedy("gravity", (0.0, 0.0, 0.0))
+    for compensated in (False, True):
+        text = ARM.replace("<body ", '<body gravcomp="1" ') if compensated else ARM
+        cure, remedies = describe_weightlessness(robot_from_mjcf("arm", text))
+        assert remedies == ((remedy,) if compensated else ())
+        assert (str(remedy) in cure) is compensated
+    # One body that hangs from its joint is enough.
+    one = ARM.replace('<body name="shoulder"', '<body gravcomp="1" name="shoulder"')
+    assert describe_weightlessness(robot_from_mjcf("arm", one)) == ("", ())

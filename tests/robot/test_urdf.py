@@ -85,7 +85,15 @@ def test_stated_limits_win_field_by_field():
     assert limits == Limits(position=(-1.0, 2.0), velocity=1.5, jerk=100.0, effort=4.0)
 
 
-@pytest.mark.parametrize("limit", ["", '<limit velocity="0" effort="0"/>', '<limit lower="-inf" upper="inf"/>'])
+@pytest.mark.parametrize(
+    "limit",
+    [
+        "",
+        '<limit velocity="0" effort="0"/>',
+        '<limit velocity="-1" effort="-1"/>',
+        '<limit lower="-inf" upper="inf"/>',
+    ],
+)
 def test_limits_that_say_nothing_are_unknown(limit):
     assert robot_from_urdf("r", one_joint(limit=limit)).joints[0].limits == Limits()
 

@@ -297,7 +297,7 @@ def read_files(
         Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
     """
     recordings: list[CheckedRecording] = []
-    failures: list[tuple[str, RecordingError]] = []
+    failures: list[tuple[str, str, RecordingError]] = []
     outcomes: dict[str, Sequence[Revision] | RecordingError] = {}
     # Each file takes an equal share of the bar, whatever its size: sizes of different formats do not compare. Where
     # faults are cured, a file may be read again with the cures of the others.
@@ -319,11 +319,11 @@ def read_files(
             outcomes[stated.name] = () if source is None else source.edits
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
-            failures.append((stated.name if file.owner else file.path.name, error))
+            failures.append((stated.name if file.owner else file.path.name, stated.name, error))
             outcomes[stated.name] = error
     contradiction = word_contradiction(robot, outcomes)
     if failures:
-        raise _join_errors(failures, len(files), contradiction, write_remedy) from failures[0][1]
+        raise _join_errors(failures, len(files), contradiction, write_remedy) from failures[0][2]
     if contradiction:
         raise RecordingError(contradiction, title=CONTRADICTION)
     # A recording that shows a wrong sign or order does not only tell what is wrong with itself.
@@ -362,7 +362,7 @@ def _share_cures(
     except RecordingError as error:
         # Anything else than another sign or order, such as a file that is gone, contradicts no recording.
         if not contains_fact(error):
-            raise _join_errors([(recording.name, error)], 1, "", write_remedy) from error
+            raise _join_errors([(recording.name, recording.name, error)], 1, "", write_remedy) from error
         raise RecordingError(
             f"Other recordings need {'; '.join(map(str, missing))}, but {recording.name} does not: with it, "
             f"{error.detail} Look at whether the recordings were made in different ways.",
@@ -467,30 +467,26 @@ def _let_go(_: TemporaryFile) -> None:
 
 
 def _join_errors(
-    failures: Sequence[tuple[str, RecordingError]],
+    failures: Sequence[tuple[str, str, RecordingError]],
     n_files: int,
     contradiction: str,
     write_remedy: Callable[[Remedy], str],
 ) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
-    (_, first), names_by_text, checks = failures[0], dict[str, list[str]](), list[Check]()
-    for name, error in failures:
+    (*_, first), names_by_text, checks = failures[0], dict[str, list[str]](), list[Check]()
+    for name, of, error in failures:
+        write = write_remedy if len(failures) == n_files else partial(_write_for_one, write_remedy, of)
         # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
-        further = [f"\n    also {check.name.replace('_', ' ')}: {_word(check, write_remedy)}" for check in own]
-        names_by_text.setdefault(f"{_word(error, write_remedy)}{''.join(further)}", []).append(name)
-        checks += [replace(check, detail=_word(check, write_remedy)) for check in error.checks]
+        further = [f"\n    also {check.name.replace('_', ' ')}: {_word(check, write)}" for check in own]
+        names_by_text.setdefault(f"{_word(error, write)}{''.join(further)}", []).append(name)
+        checks += [replace(check, detail=_word(check, write)) for check in error.checks]
     # Files of one logger lack the same, which is said once.
     texts = [f"{', '.join(names)}: {text}" for text, names in names_by_text.items()]
     text = "\n  ".join([*texts, contradiction] if contradiction else texts)
     if len(failures) == 1:
         return RecordingError(
-            text,
-            pointer=first.pointer,
-            title=first.title,
-            row=first.row,
-            time=first.time,
-            checks=tuple(checks),
+            text, pointer=first.pointer, title=first.title, row=first.row, time=first.time, checks=tuple(checks)
         )
     text = f"{len(failures)} of {n_files} files cannot be used:\n  {text}"
     return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
@@ -498,3 +494,8 @@ def _join_errors(
 
 def _word(finding: Check | RecordingError, write_remedy: Callable[[Remedy], str]) -> str:
     return word_remedies(finding.detail, finding.remedies, write_remedy)
+
+
+def _write_for_one(write_remedy: Callable[[Remedy], str], name: str, remedy: Remedy) -> str:
+    """Word a unit for the recording that has it alone: stated for all it would spoil those that are right."""
+    return write_remedy(remedy.for_recording(name) if remedy.field == "units" else remedy)

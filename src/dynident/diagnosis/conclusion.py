@@ -17,7 +17,16 @@ from dynident.recordings import Check
 from dynident.recordings.recording_metadata import DELAY
 from dynident.robot.joint import MANY_NAMES, join_joint_names
 
-_BEFORE_EFFECTS = (*CAUSES, DELAY, "position_jump", "torque_step", "joint_columns", "position_scale", "clock_rate")
+_BEFORE_EFFECTS = (
+    *CAUSES,
+    DELAY,
+    "position_jump",
+    "torque_step",
+    "joint_columns",
+    "position_scale",
+    "clock_rate",
+    "description_lengths",
+)
 """Checks whose findings explain an error better than a missing effect does."""
 
 

@@ -35,6 +35,7 @@ from dynident.robot.pseudo_inertia import (
     estimate_inertia_errors,
     estimate_rotor_inertias,
     find_description_units,
+    find_impossible_links,
     inertial_parameters,
     pseudo_inertia,
     smallest_pseudo_inertia,
@@ -248,8 +249,6 @@ _SYMMETRIC_BASIS = _build_symmetric_basis()
 _TITLE = "No prior"
 # Inertias of links within this share of one another are the same: placeholders.
 _ALIKE = 1e-6
-# How far below zero rounded drawings may bring an eigenvalue of a pseudo-inertia, scaled to a unit diagonal.
-_IMPOSSIBLE = 0.01
 
 
 def build_prior(model: Model, trust: DescriptionTrust) -> PriorInformation | None:
@@ -345,14 +344,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
                 pointer="/prior",
                 title=_TITLE,
             )
-    # A body exists where its pseudo-inertia has no negative eigenvalue.
-    smallest = smallest_pseudo_inertia(inertias)
-    impossible = [
-        name
-        for name, least in zip(robot.joint_names, smallest, strict=True)
-        if least < -_IMPOSSIBLE and name not in free_links
-    ]
-    if impossible:
+    if impossible := [name for name in find_impossible_links(robot) if name not in free_links]:
         raise DynidentError(
             f"the description gives {', '.join(impossible)} an inertia that is not physically possible (each moment "
             "of inertia is at most the sum of the other two, about the centre of mass); correct it, add the link to "

@@ -16,6 +16,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import Remedy
+from dynident.number_format import format_percent
 from dynident.recordings.base_motion import Reaction
 from dynident.recordings.columns_to_signals import Column, Layout
 from dynident.recordings.file_source import FileSource, RawSample
@@ -73,6 +74,7 @@ def run_checks(
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _mark_accepted(checks, accept)):
         checks += check_torque(recording, sample, layout, limits, against)
+        checks += _report_dead_zones(recording, sample, layout, limits)
     # Positions beyond limits are what other zeros, or an exchange, look like, and positions far behind their commands
     # what other units look like: what is known of those goes first.
     late = [("position_unit", "warning"), ("full_duty", "error")]
@@ -93,6 +95,27 @@ def run_checks(
             remedies=(*first.remedies, remedy),
         )
     return final_checks
+
+
+def _report_dead_zones(
+    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+) -> list[Check]:
+    """Report torques that are 0 below a threshold."""
+    zones = {joint: low for joint, (low, high) in enumerate(recording.torque_ranges) if low > high}
+    columns = {joint: layout.tau[joint].source for joint in zones}
+    parts = [
+        f"{columns[joint]} ({format_percent(float((sample.tau[sample.used, joint] == 0.0).mean()), 2)} of the rows, "
+        f"below {size:.3g} {limits[joint].torque_unit})"
+        for joint, size in zones.items()
+    ]
+    if not parts:
+        return []
+    detail = (
+        f"{', '.join(parts)} {'is' if len(parts) == 1 else 'are'} exactly 0 where torque is small: a dead zone of the "
+        "driver, or of the log. These rows are left out of the joint's equation and of its errors. Record the torque "
+        "as it is measured, without a threshold."
+    )
+    return [Check("dead_zone", "warning", detail, next(iter(columns.values())))]
 
 
 def _mark_accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:

@@ -17,10 +17,10 @@ import pyarrow as pa
 from dynident.array_types import IntArray
 from dynident.recordings.arrow_tables import from_numbers, is_list, parse_numbers, pc
 from dynident.recordings.file_source import FileSource, to_float_column
-from dynident.recordings.time_columns import ClockOfDay, are_times, are_times_of_day, is_time_name, parse_seconds
+from dynident.recordings.time_columns import ClockOfDay, is_time_name
+from dynident.recordings.units import are_times, are_times_of_day, parse_seconds
 
-_LONGEST = 256
-_ABOUT = Path("meta") / "info.json"
+_LONGEST, _ABOUT = 256, Path("meta") / "info.json"
 _DATA, _DEEPEST = "data", 3
 """Folder of a data set that its files lie in, and folders above a file that it is looked for in:
 data/chunk-000/file-000.parquet."""

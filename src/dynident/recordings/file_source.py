@@ -130,6 +130,12 @@ class RawSource(Protocol):
         ...
 
 
+class Repair(str):
+    """A remark on numbers that were changed, which is a warning; other remarks say how a file is laid out."""
+
+    __slots__ = ()
+
+
 class FileSource:
     """A user's file with named columns.
 

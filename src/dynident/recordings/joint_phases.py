@@ -24,6 +24,7 @@ from dynident.recordings.pose_recordings import has_poses
 from dynident.recordings.position_filter import READ_LENGTH
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.recording import Recording
+from dynident.recordings.signal_spectra import is_out_of_range
 
 SLOW = 0.01
 """Speed in rad/s or m/s below which a joint may as well stand: half and four times as much change little
@@ -315,7 +316,7 @@ def _find_clipped(recording: Recording, index: int) -> tuple[Halts, ...]:
     segment, (low, high) = recording.segments[index], np.transpose(recording.torque_ranges)
     runs, first = [array("q") for _ in range(recording.n)], 0
     for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
-        beyond = (rows.tau <= low) | (rows.tau >= high)
+        beyond = is_out_of_range(rows.tau, low, high)
         for joint in np.flatnonzero(beyond.any(axis=0)):
             for a, b in find_spans(beyond[:, joint]):
                 _append_run(runs[joint], first + a, first + b, 1)

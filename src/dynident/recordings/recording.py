@@ -231,7 +231,8 @@ class Recording(KnownNames):
     torque_from_commands : bool
         Whether no torque was recorded, and the rows hold what position servos make of their commands.
     torque_ranges : n pairs (low, high)
-        Torques at and beyond which a joint's sensor or drive is at its range, infinite where it never is; empty: none.
+        Torques at and beyond which a joint's sensor or drive is at its range, infinite where it never is;
+        low above high: the ends of a dead zone, within which nothing was measured; empty: none.
     """
 
     name: str

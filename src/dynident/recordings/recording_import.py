@@ -28,7 +28,15 @@ from dynident.recordings.columns_to_signals import (
     mark_not_recorded,
 )
 from dynident.recordings.conditioning import Conditioning
-from dynident.recordings.file_source import FileSource, RawRows, RawSample, RawSource, SampleCollector, quote_remarks
+from dynident.recordings.file_source import (
+    FileSource,
+    RawRows,
+    RawSample,
+    RawSource,
+    Repair,
+    SampleCollector,
+    quote_remarks,
+)
 from dynident.recordings.formats import open_source
 from dynident.recordings.metadata_revisions import exclude_from_windows
 from dynident.recordings.pose_recordings import POSES, read_poses, report_poses, write_poses
@@ -209,7 +217,7 @@ def import_recording(
         surplus = check_surplus_columns(file.names, joints.n - joints.n_base, metadata)
         findings = [
             torque_source,
-            *(Check("layout", "ok", remark) for remark in file.remarks),
+            *(Check("layout", "warning" if isinstance(remark, Repair) else "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *report_missing_torques(layout, joint_names),
             *report_external_axes(file, layout),

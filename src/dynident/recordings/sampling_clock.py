@@ -343,9 +343,12 @@ class TimeScan:
         if not len(back):
             return
         at, row = int(back[0]), int(ends[back[0]])
-        cure = "Sort the rows by time; separate several recordings in one file by a column `segment` of whole numbers."
-        remedies = (Remedy("rate"),) if (steps[same] < 0).mean() > BACKWARD_SHARE else ()
-        for remedy in remedies:
+        remedy = Remedy("rate")
+        cure = (
+            f"If each row has its own time, sort the rows by it; if only the times are wrong, state {remedy}. "
+            "Separate several recordings in one file by a column `segment` of whole numbers."
+        )
+        if (steps[same] < 0).mean() > BACKWARD_SHARE:
             cure = (
                 f"All the rows are in reverse order: write the earliest first; of a countdown state {remedy} instead."
             )
@@ -356,7 +359,7 @@ class TimeScan:
             title="Unsorted time",
             row=row,
             time=float(t[at + 1]),
-            remedies=remedies,
+            remedies=(remedy,),
         )
 
     def _sort_steps(self) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, special
 
-from dynident.array_types import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.recordings.recording import Recording
 
@@ -180,6 +180,44 @@ def find_step(values: FloatArray) -> float:
     whole = gaps / step
     # A grid: all gaps are whole numbers of steps.
     return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
+
+
+_FEWEST_LEVELS, _FEWEST_PASSES, _BESIDE, _FAR = 10, 6, 2.0, 1.5
+"""Values between a threshold and twice it, without which it may be a step of the signal; passes to or from 0; the
+threshold's multiple that half of the values beside zeros stay below, unlike where a drive is switched; and the one that
+the largest tenth of all exceeds, unlike steps of one size."""
+
+
+def find_dead_zone(tau: FloatArray, q: FloatArray) -> float:
+    """Return the size below which a driver reports torques as 0, while their joint moves; 0 if it shows none.
+
+    Parameters
+    ----------
+    tau, q : (m,)
+        Torque and position of a joint.
+    """
+    zero, size = tau == 0.0, np.abs(tau)
+    if not zero.any() or zero.all():
+        return 0.0
+    threshold = float(size[~zero].min())
+    near = size[(size >= threshold) & (size < 2.0 * threshold)]
+    edges = np.flatnonzero(np.diff(zero))
+    beside = np.maximum(size[edges], size[edges + 1])
+    speed = np.abs(np.gradient(q))
+    is_zone = (
+        len(np.unique(near)) >= _FEWEST_LEVELS
+        and len(edges) >= _FEWEST_PASSES
+        and np.median(beside) < _BESIDE * threshold
+        and np.quantile(size[~zero], 0.9) > _FAR * threshold
+        # A joint that stands may have no torque at all.
+        and np.median(speed[zero]) > 0.1 * np.median(speed[~zero])
+    )
+    return threshold if is_zone else 0.0
+
+
+def is_out_of_range(tau: FloatArray, low: FloatArray | float, high: FloatArray | float) -> BoolArray:
+    """Tell which torques (m, …) were not measured: beyond low and high, or in the dead zone where low is above high."""
+    return np.asarray(np.where(low < high, (tau <= low) | (tau >= high), (tau < low) & (tau > high)))
 
 
 SLOPE = 0.9

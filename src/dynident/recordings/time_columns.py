@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from datetime import date
 
 import numpy as np
 import pyarrow as pa
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
-from dynident.recordings.arrow_tables import from_numbers, pc, to_floats
+from dynident.recordings.arrow_tables import from_numbers, to_floats
 from dynident.recordings.columns_to_signals import Layout
-from dynident.recordings.file_source import FileSource, RawRows, RawSource, to_float_column
+from dynident.recordings.file_source import FileSource, RawRows, RawSource, Repair, to_float_column
 from dynident.recordings.recording_metadata import Check
-from dynident.recordings.units import format_time
+from dynident.recordings.units import SECONDS_OF_DAY, format_time, parse_seconds
 
 NEAR_BEGINNING = 0.1
 """Share of the time since a run began, from its beginning on, to which a clock goes back that starts again."""
@@ -43,10 +43,10 @@ class ClockOfDay:
         if len(steps):
             self._last = float(t[timed][-1])
             # A row of the day before that was written behind midnight goes back by a day.
-            passed = np.abs(np.abs(steps) - _DAY) < NEAR_MIDNIGHT
+            passed = np.abs(np.abs(steps) - SECONDS_OF_DAY) < NEAR_MIDNIGHT
             days = self._days - np.cumsum(np.sign(steps) * passed)
             self._days = int(days[-1])
-            t[timed] += _DAY * days
+            t[timed] += SECONDS_OF_DAY * days
         return from_numbers(t)
 
 
@@ -202,32 +202,6 @@ _NAME = re.compile(
     r"(?:^|[^a-z])(?:t|time|timestamp|stamp|zeit|secs?|seconds)(?:[ _.]*[\[(]?(?:s|secs?|seconds|ms|us|µs|ns)[\])]?)?$",
     re.IGNORECASE,
 )
-_DAY = 86_400.0
-_OF_ISO = (
-    r"^\s*P(?:(?P<days>\d+)D)?T(?:(?P<hours>\d+)H)?(?:(?P<minutes>\d+)M)?(?:(?P<seconds>\d+(?:[.,]\d+)?)S)?"
-    r"(?P<date>x)?(?P<zone>x)?(?P<half>x)?\s*$"
-)
-"""A duration of ISO 8601, PT1M0.5S; it has no date, zone or half of a day."""
-_CLOCK = (
-    r"^\s*(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3})[-/. ]\d{4}"
-    r"|\d{1,2}[-/. ][A-Za-z]{3}[-/. ]\d{2})[T _,]+)?"
-    r"(?:(?P<days>\d+) days?,? )?"
-    r"(?P<hours>\d{1,2}):(?P<minutes>\d{2})(?::(?P<seconds>\d{1,2}(?:[.,:]\d+)?))?"
-    r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?\s*$"
-)
-"""2025-05-06T10:20:30.005+02:00, 06.05.2025 10:20:30,005, 5/6/2025 1:20:30 PM, 10:20:30.005, 0 days 00:00:01.5."""
-_COMPACT = (
-    r"^\s*(\d{4})-?(\d{2})-?(\d{2})[T _-](\d{2})[-.:h]?(\d{2})[-.:m]?(\d{2})s?(?:[-.,:](\d+))?(Z|[+-]\d{2}:?\d{2})?\s*$"
-)
-"""20250506T102030.005, 20250506 10:20:30.005, 2025-05-06_10-20-30-005."""
-_MINUTES = r"^\s*(?P<minutes>\d{1,3}):(?P<seconds>[0-5]\d(?:[.,]\d+)?)\s*$"
-_TENTHS = r"^\s*\d{1,3}:[0-5]\d[.,]\d+\s*$"
-"""12:05.250: a fraction stands behind seconds alone, so 12:05 beside it is no time of day; 1:02:05.250 may follow."""
-_DURATION = r"^\s*(?P<value>[+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?P<unit>seconds|second|secs|sec|s|ms|us|ns|min)\s*$"
-"""0.005 sec, as MATLAB writes the times of a timetable."""
-_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
-_CENTURY = 2000
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
 def is_time_name(name: str) -> bool:
@@ -241,101 +215,6 @@ def describe_foreign_clock(name: str, span: tuple[float, float], main: str, main
         f"The times of {name} ({span[0]:.10g} to {span[1]:.10g}) and {main} ({main_span[0]:.10g} to "
         f"{main_span[1]:.10g}) have no moment in common: {name} is left out. Write both with the time of one clock."
     )
-
-
-def are_times(cells: Sequence[str]) -> bool:
-    """Return whether all cells that are not empty are times."""
-    filled = [cell for cell in cells if cell]
-    forms: list[tuple[str, ...]] = [(_CLOCK,), (_DURATION,), (_COMPACT,), (_OF_ISO,)]
-    if any(re.match(_TENTHS, cell) for cell in filled):
-        forms = [(_MINUTES, _CLOCK)]
-    return bool(filled) and any(
-        all(any(re.match(form, cell) for form in together) for cell in filled) for together in forms
-    )
-
-
-def are_times_of_day(cells: Sequence[str]) -> bool:
-    """Return whether all cells that are not empty are times of day, without a date."""
-    clocks = [re.match(_CLOCK, cell) for cell in cells if cell]
-    return bool(clocks) and all(clock is not None and not (clock["date"] or clock["days"]) for clock in clocks)
-
-
-def parse_seconds(column: pa.Array) -> pa.Array:
-    """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
-    if pc.any(pc.match_substring_regex(column, _TENTHS)).as_py():
-        short = pc.extract_regex(column, _MINUTES)
-        seconds = 60.0 * _parse_numbers(short, "minutes", np.nan) + _parse_numbers(short, "seconds", np.nan)
-        # From the first hour on there are three parts.
-        longer = parse_seconds(pc.if_else(pc.is_valid(short), pa.scalar(None, column.type), column))
-        return from_numbers(np.where(np.isnan(seconds), to_floats(longer), seconds))
-    clock = pc.extract_regex(pc.replace_substring_regex(column, _COMPACT, r"\1-\2-\3 \4:\5:\6.\70\8"), _CLOCK)
-    # No cell is a time of day: they may be durations with a unit.
-    if clock.null_count == len(clock):
-        if not pc.any(pc.match_substring_regex(column, _OF_ISO)).as_py():
-            return _parse_durations(pc.extract_regex(column, _DURATION))
-        clock = pc.extract_regex(column, _OF_ISO)
-    hours, minutes, days = (_parse_numbers(clock, name) for name in ("hours", "minutes", "days"))
-    total = 3600.0 * hours + 60.0 * minutes + _parse_numbers(clock, "seconds") + _DAY * days
-    # East of Greenwich clocks are ahead of UTC: the zone is taken off.
-    total += _map_texts(clock, "date", _convert_date) - _map_texts(clock, "zone", _convert_zone)
-    half = _map_texts(clock, "half", lambda text: 1.0 if text.casefold() == "pm" else 2.0)
-    # 12 AM is midnight, and 12 PM noon.
-    total += np.where((half == 1.0) & (hours < 12), 43_200.0, 0.0) - np.where(
-        (half == 2.0) & (hours == 12), 43_200.0, 0
-    )
-    # A cell that is no time would otherwise count as zero.
-    total[~np.asarray(pc.is_valid(clock).to_numpy(zero_copy_only=False))] = np.nan
-    return from_numbers(total)
-
-
-def _parse_durations(parts: pa.Array) -> pa.Array:
-    return from_numbers(
-        _parse_numbers(parts, "value", np.nan) * _map_texts(parts, "unit", lambda unit: _SECONDS.get(unit, 1.0))
-    )
-
-
-def _parse_numbers(parts: pa.Array, name: str, absent: float = 0.0) -> FloatArray:
-    """Return (m,): a part of the texts as numbers, `absent` where it is not there."""
-    # Some write fractions of a second behind a comma or a colon.
-    text = pc.replace_substring_regex(pc.struct_field(parts, name), "[,:]", ".")
-    numbers = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
-    return to_floats(numbers.cast(pa.float64()).fill_null(absent)).copy()
-
-
-def _map_texts(parts: pa.Array, name: str, seconds: Callable[[str], float]) -> FloatArray:
-    """Return (m,): what a part of the texts means, computed once for each of the few different texts."""
-    column = pc.struct_field(parts, name).fill_null("")
-    encoded = pc.dictionary_encode(column)
-    values = np.array([seconds(text) if text else 0.0 for text in encoded.dictionary.to_pylist()])
-    return np.asarray(values[encoded.indices.to_numpy(zero_copy_only=False)], dtype=np.float64)
-
-
-def _convert_date(text: str) -> float:
-    parts = re.split(r"[-/. ]", text)
-    if len(parts[0]) == 4:
-        year, month, day = (int(part) for part in parts)
-    else:
-        year = int(parts[2]) + (_CENTURY if len(parts[2]) == 2 else 0)
-        first, second = int(parts[0]), parts[1].casefold()
-        if second in _MONTHS:
-            day, month = first, _MONTHS.index(second) + 1
-        # Slashes mean the American order, month first, unless that is impossible.
-        elif "/" in text and first <= 12:
-            month, day = first, int(second)
-        else:
-            day, month = first, int(second)
-    try:
-        return (date(year, month, day) - date(1970, 1, 1)).days * _DAY
-    except ValueError:
-        # Such as the 31st of June: the cell is no date.
-        return np.nan
-
-
-def _convert_zone(text: str) -> float:
-    if text[0] not in "+-":
-        return 0.0
-    minutes = 60 * int(text[1:3]) + int(text[-2:])
-    return 60.0 * (minutes if text[0] == "+" else -minutes)
 
 
 _TIME = "t"
@@ -377,7 +256,12 @@ class SummedTimeSource(FileSource):
             first_row += batch.num_rows
 
 
-def sum_increments(source: FileSource) -> FileSource:
+def repair_times(source: FileSource) -> FileSource:
+    """Return the file with a time that rises, where it has only steps of one or lost digits; else the same object."""
+    return _restore_fractions(_sum_increments(source))
+
+
+def _sum_increments(source: FileSource) -> FileSource:
     """Return the file with a time where its rows have only that since the row before; else the same object."""
     increments = [name for name in source.names if _INCREMENT.search(name)]
     others = [name for name in source.names if name not in increments and is_time_name(name)]
@@ -389,6 +273,86 @@ def sum_increments(source: FileSource) -> FileSource:
     values = values[np.isfinite(values)]
     is_clock = len(values) < 2 or bool((np.diff(values) > 0).mean() > _RISING)
     return source if is_clock or not np.median(values) > 0 else SummedTimeSource(source, increment)
+
+
+class PaddedFractionSource(FileSource):
+    """A file whose time lost the zeros behind its point, as "%d.%d" prints seconds and nanoseconds; they are put back.
+
+    5 ms behind a second, 1.005, is printed as 1.5: each stamp is divided by the power of ten that brings it next to
+    where the clock has to be.
+    """
+
+    def __init__(self, source: FileSource, name: str, period: float) -> None:
+        super().__init__(source.names, source.units)
+        self._source, self._name, self._period = source, name, period
+        self.sample_rows, self.texts = source.sample_rows, source.texts
+        self.has_gaps, self.inner, self.clocks = source.has_gaps, source, source.clocks
+        lost = f'{name} lost the zeros behind its point, as "%d.%d" prints seconds and nanoseconds: they are put back.'
+        self.own_remarks = (Repair(lost),)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        before, first_row = np.nan, 0
+        for batch in self._source.batches(columns):
+            values = {name: batch.column(name) for name in columns}
+            if self._name in columns and batch.num_rows:
+                t = pad_fractions(to_float_column(batch, self._name, first_row), self._period, before)
+                before, values[self._name] = float(t[-1]), from_numbers(t)
+            yield pa.RecordBatch.from_arrays([values[name] for name in columns], names=columns)
+            first_row += batch.num_rows
+
+
+_DIGITS, _OFF = 9, 5.0
+"""Digits of the smallest fraction; and periods by which a stamp may be off where the clock has to be."""
+
+
+def pad_fractions(t: FloatArray, period: float, before: float = np.nan) -> FloatArray:
+    """Return times (m,) with the zeros behind the point that they lost.
+
+    Parameters
+    ----------
+    t : (m,)
+        Consecutive times, s.
+    period : float
+        Their usual step, s.
+    before : float
+        The time before them; nan where they begin.
+    """
+    padded = t.copy()
+    for row, (whole, part) in enumerate(zip(np.floor(t).tolist(), np.mod(t, 1.0).tolist(), strict=True)):
+        stamps = [whole + part / 10.0**zeros for zeros in range(_DIGITS)]
+        if np.isnan(before) and row + 1 < len(t):
+            # Which of them the first is, its distance from the next tells.
+            later, rest = math.floor(t[row + 1]), float(t[row + 1] % 1.0)
+            ahead = [later + rest / 10.0**zeros - period for zeros in range(_DIGITS)]
+            before = min(stamps, key=lambda own: min(abs(own - stamp) for stamp in ahead)) - period
+        stamp = min(
+            (own for own in stamps if own >= before), key=lambda own: abs(own - before - period), default=t[row]
+        )
+        # Behind a gap nothing tells it: an order that is then wrong is refused.
+        padded[row] = before = stamp if abs(stamp - before - period) <= _OFF * period else float(t[row])
+    return padded
+
+
+def _restore_fractions(source: FileSource) -> FileSource:
+    """Return the file with the zeros that its time lost behind the point; else the same object."""
+    names = [name for name in source.names if is_time_name(name)]
+    first = next(source.batches(names[:1]), None) if names else None
+    if first is None:
+        return source
+    t = to_float_column(first, names[0], 0)
+    steps = np.diff(t)
+    # Of fractions of right times a tenth is below 0.1. Where no step goes back nothing is wrong.
+    fractions = np.mod(t, 1.0)
+    if not np.isfinite(t).all() or not (steps < 0.0).any() or ((fractions > 0.0) & (fractions < _LEAST)).any():
+        return source
+    period = float(np.median(steps))
+    mended = np.diff(pad_fractions(t, period))
+    is_even = bool((mended >= 0.0).all()) and np.mean(np.abs(mended - period) < 0.5 * period) > _RISING
+    return PaddedFractionSource(source, names[0], period) if is_even else source
+
+
+_LEAST = 0.1 - 1e-6
+"""Fraction below which a time has a zero behind the point, with what seconds since 1970 are rounded by."""
 
 
 _FRACTION = re.compile(

@@ -20,7 +20,7 @@ from dynident.recordings.joint_phases import find_spans
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording, is_inside_windows
 from dynident.recordings.recording_metadata import COMMANDED, DELAY, Check, Revision
-from dynident.recordings.signal_spectra import find_step
+from dynident.recordings.signal_spectra import find_dead_zone, find_step
 from dynident.recordings.units import format_time
 
 SATURATED = 5e-3
@@ -141,14 +141,14 @@ def find_torque_ranges(
     Returns
     -------
     n pairs (low, high)
-        Torques at and beyond which nothing was measured, infinite where there is no such end; empty if there is none.
+        As a recording has them (`Recording.torque_ranges`); empty if there is none.
     """
-    run = max(RUN, round(SHORTEST / period))
-    ranges = [(-np.inf, np.inf)] * layout.n_base
+    run, ranges = max(RUN, round(SHORTEST / period)), [(-np.inf, np.inf)] * layout.n_base
     for joint in range(layout.n_base, sample.tau.shape[1]):
         tau, q = sample.tau[sample.used, joint], sample.q[sample.used, joint]
         low, high = (_find_upper_end(sign * tau, q, limits[joint].effort, run) for sign in (-1.0, 1.0))
-        ranges.append((-low, high))
+        zone = find_dead_zone(tau, q)
+        ranges.append((zone, -zone) if zone else (-low, high))
     return tuple(ranges) if np.isfinite(ranges).any() else ()
 
 
@@ -160,7 +160,7 @@ def _check_saturation(
     for joint, (low, high) in enumerate(recording.torque_ranges):
         flat = (tau[:, joint] <= low) | (tau[:, joint] >= high)
         share = float(flat.mean())
-        if flat.any():
+        if low < high and flat.any():
             first, unit = int(np.flatnonzero(flat)[0]), limits[joint].torque_unit
             brake = _find_brake(joint, flat, sample, layout)
             why = _describe_brake(brake) if brake else _SATURATES

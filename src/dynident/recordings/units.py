@@ -1,12 +1,19 @@
-"""Units of recordings, by their spellings, and their conversion to SI."""
+"""Units of recordings, by their spellings, and their conversion to SI; times that are written as text."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from datetime import date
 from math import pi
 from typing import Literal
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from dynident.array_types import FloatArray
+from dynident.recordings.arrow_tables import from_numbers, to_floats
 from dynident.recordings.recording import JointKind
 from dynident.recordings.recording_metadata import RecordingError, Status
 
@@ -246,3 +253,126 @@ def find_common_ratio(ratios: Sequence[float], likeness: float) -> float:
     common = max(ratios)
     is_off = abs(common - 1.0) > _OFF and 1.0 / _DOUBLE < common < _DOUBLE
     return common if is_off and 1.0 - likeness < _DELAYED * abs(common - 1.0) else 0.0
+
+
+SECONDS_OF_DAY = 86_400.0
+_OF_ISO = (
+    r"^\s*P(?:(?P<days>\d+)D)?T(?:(?P<hours>\d+)H)?(?:(?P<minutes>\d+)M)?(?:(?P<seconds>\d+(?:[.,]\d+)?)S)?"
+    r"(?P<date>x)?(?P<zone>x)?(?P<half>x)?\s*$"
+)
+"""A duration of ISO 8601, PT1M0.5S; it has no date, zone or half of a day."""
+_CLOCK = (
+    r"^\s*(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3})[-/. ]\d{4}"
+    r"|\d{1,2}[-/. ][A-Za-z]{3}[-/. ]\d{2})[T _,]+)?"
+    r"(?:(?P<days>\d+) days?,? )?"
+    r"(?P<hours>\d{1,2}):(?P<minutes>\d{2})(?::(?P<seconds>\d{1,2}(?:[.,:]\d+)?))?"
+    r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?\s*$"
+)
+"""2025-05-06T10:20:30.005+02:00, 06.05.2025 10:20:30,005, 5/6/2025 1:20:30 PM, 10:20:30.005, 0 days 00:00:01.5."""
+_COMPACT = (
+    r"^\s*(\d{4})-?(\d{2})-?(\d{2})[T _-](\d{2})[-.:h]?(\d{2})[-.:m]?(\d{2})s?(?:[-.,:](\d+))?(Z|[+-]\d{2}:?\d{2})?\s*$"
+)
+"""20250506T102030.005, 20250506 10:20:30.005, 2025-05-06_10-20-30-005."""
+_MINUTES = r"^\s*(?P<minutes>\d{1,3}):(?P<seconds>[0-5]\d(?:[.,]\d+)?)\s*$"
+_TENTHS = r"^\s*\d{1,3}:[0-5]\d[.,]\d+\s*$"
+"""12:05.250: a fraction stands behind seconds alone, so 12:05 beside it is no time of day; 1:02:05.250 may follow."""
+_DURATION = r"^\s*(?P<value>[+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?P<unit>seconds|second|secs|sec|s|ms|us|ns|min)\s*$"
+"""0.005 sec, as MATLAB writes the times of a timetable."""
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_CENTURY = 2000
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+
+
+def are_times(cells: Sequence[str]) -> bool:
+    """Return whether all cells that are not empty are times."""
+    filled = [cell for cell in cells if cell]
+    forms: list[tuple[str, ...]] = [(_CLOCK,), (_DURATION,), (_COMPACT,), (_OF_ISO,)]
+    if any(re.match(_TENTHS, cell) for cell in filled):
+        forms = [(_MINUTES, _CLOCK)]
+    return bool(filled) and any(
+        all(any(re.match(form, cell) for form in together) for cell in filled) for together in forms
+    )
+
+
+def are_times_of_day(cells: Sequence[str]) -> bool:
+    """Return whether all cells that are not empty are times of day, without a date."""
+    clocks = [re.match(_CLOCK, cell) for cell in cells if cell]
+    return bool(clocks) and all(clock is not None and not (clock["date"] or clock["days"]) for clock in clocks)
+
+
+def parse_seconds(column: pa.Array) -> pa.Array:
+    """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
+    if pc.any(pc.match_substring_regex(column, _TENTHS)).as_py():
+        short = pc.extract_regex(column, _MINUTES)
+        seconds = 60.0 * _parse_numbers(short, "minutes", np.nan) + _parse_numbers(short, "seconds", np.nan)
+        # From the first hour on there are three parts.
+        longer = parse_seconds(pc.if_else(pc.is_valid(short), pa.scalar(None, column.type), column))
+        return from_numbers(np.where(np.isnan(seconds), to_floats(longer), seconds))
+    clock = pc.extract_regex(pc.replace_substring_regex(column, _COMPACT, r"\1-\2-\3 \4:\5:\6.\70\8"), _CLOCK)
+    # No cell is a time of day: they may be durations with a unit.
+    if clock.null_count == len(clock):
+        if not pc.any(pc.match_substring_regex(column, _OF_ISO)).as_py():
+            return _parse_durations(pc.extract_regex(column, _DURATION))
+        clock = pc.extract_regex(column, _OF_ISO)
+    hours, minutes, days = (_parse_numbers(clock, name) for name in ("hours", "minutes", "days"))
+    total = 3600.0 * hours + 60.0 * minutes + _parse_numbers(clock, "seconds") + SECONDS_OF_DAY * days
+    # East of Greenwich clocks are ahead of UTC: the zone is taken off.
+    total += _map_texts(clock, "date", _convert_date) - _map_texts(clock, "zone", _convert_zone)
+    half = _map_texts(clock, "half", lambda text: 1.0 if text.casefold() == "pm" else 2.0)
+    # 12 AM is midnight, and 12 PM noon.
+    total += np.where((half == 1.0) & (hours < 12), 43_200.0, 0.0) - np.where(
+        (half == 2.0) & (hours == 12), 43_200.0, 0
+    )
+    # A cell that is no time would otherwise count as zero.
+    total[~np.asarray(pc.is_valid(clock).to_numpy(zero_copy_only=False))] = np.nan
+    return from_numbers(total)
+
+
+def _parse_durations(parts: pa.Array) -> pa.Array:
+    return from_numbers(
+        _parse_numbers(parts, "value", np.nan) * _map_texts(parts, "unit", lambda unit: _SECONDS.get(unit, 1.0))
+    )
+
+
+def _parse_numbers(parts: pa.Array, name: str, absent: float = 0.0) -> FloatArray:
+    """Return (m,): a part of the texts as numbers, `absent` where it is not there."""
+    # Some write fractions of a second behind a comma or a colon.
+    text = pc.replace_substring_regex(pc.struct_field(parts, name), "[,:]", ".")
+    numbers = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
+    return to_floats(numbers.cast(pa.float64()).fill_null(absent)).copy()
+
+
+def _map_texts(parts: pa.Array, name: str, seconds: Callable[[str], float]) -> FloatArray:
+    """Return (m,): what a part of the texts means, computed once for each of the few different texts."""
+    column = pc.struct_field(parts, name).fill_null("")
+    encoded = pc.dictionary_encode(column)
+    values = np.array([seconds(text) if text else 0.0 for text in encoded.dictionary.to_pylist()])
+    return np.asarray(values[encoded.indices.to_numpy(zero_copy_only=False)], dtype=np.float64)
+
+
+def _convert_date(text: str) -> float:
+    parts = re.split(r"[-/. ]", text)
+    if len(parts[0]) == 4:
+        year, month, day = (int(part) for part in parts)
+    else:
+        year = int(parts[2]) + (_CENTURY if len(parts[2]) == 2 else 0)
+        first, second = int(parts[0]), parts[1].casefold()
+        if second in _MONTHS:
+            day, month = first, _MONTHS.index(second) + 1
+        # Slashes mean the American order, month first, unless that is impossible.
+        elif "/" in text and first <= 12:
+            month, day = first, int(second)
+        else:
+            day, month = first, int(second)
+    try:
+        return (date(year, month, day) - date(1970, 1, 1)).days * SECONDS_OF_DAY
+    except ValueError:
+        # Such as the 31st of June: the cell is no date.
+        return np.nan
+
+
+def _convert_zone(text: str) -> float:
+    if text[0] not in "+-":
+        return 0.0
+    minutes = 60 * int(text[1:3]) + int(text[-2:])
+    return 60.0 * (minutes if text[0] == "+" else -minutes)

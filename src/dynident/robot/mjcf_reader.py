@@ -299,6 +299,21 @@ def robot_from_mjcf(
     return link_joints(tree, held.ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
 
 
+def has_gravity_compensation(text: str) -> bool:
+    """Tell whether MuJoCo takes the weight of all moving bodies off their joints (`gravcomp`) of a model that it reads.
+
+    Parameters
+    ----------
+    text : str
+        The MJCF.
+    """
+    if "gravcomp" not in text:
+        return False
+    compiled = _compile_model(parse_mjcf(text, "", {})[0], "")
+    moving = (compiled.body_weldid > 0) & (compiled.body_mass > 0.0)
+    return bool((compiled.body_gravcomp[moving] == 1.0).all())
+
+
 def _compile_model(root: Element, pointer: str) -> mujoco.MjModel:
     """Compile the reduced text with MuJoCo and check the numbers of the result."""
     try:

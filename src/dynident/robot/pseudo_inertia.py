@@ -149,6 +149,19 @@ def smallest_pseudo_inertia(parameters: FloatArray) -> FloatArray:
     return np.asarray(np.where(least > 0, np.linalg.eigvalsh(scaled)[..., 0], least))
 
 
+_IMPOSSIBLE = 0.01
+"""How far below zero rounded drawings may bring an eigenvalue of a pseudo-inertia, scaled to a unit diagonal."""
+
+
+def find_impossible_links(robot: Robot) -> list[str]:
+    """Return the links of a robot, by their joints, whose described inertia no body can have."""
+    if robot.inertias is None:
+        return []
+    # A body exists where its pseudo-inertia has no negative eigenvalue.
+    smallest = smallest_pseudo_inertia(robot.inertias)
+    return [name for name, least in zip(robot.tree.joint_names, smallest, strict=False) if least < -_IMPOSSIBLE]
+
+
 _HEAVIEST, _LIGHTEST = 1000.0, 200.0
 """kg per m² of reach between the joints: arms have 2 to 160, from a hobby servo arm to one for 300 kg, and in grams at
 least 2,000; and grams of the lightest robot: compact machines such as pan-tilt heads have fewer kg."""

@@ -354,6 +354,8 @@ def _reduce_limit(joint: Element, owner: str, fail: _Fail) -> Element:
     if values["lower"] > values["upper"]:
         raise fail(f"The lower limit of {owner} is above its upper limit.", element.line)
     bounds = {name: value if math.isfinite(value) else 0.0 for name, value in values.items()}
+    # Some exporters write -1 where nothing limits the speed or the torque.
+    bounds |= {name: max(bounds[name], 0.0) for name in ("velocity", "effort")}
     # A range that is infinite on one side limits nothing that can be stated: drop both ends.
     if not all(map(math.isfinite, (values["lower"], values["upper"]))):
         bounds["lower"] = bounds["upper"] = 0.0
@@ -400,8 +402,8 @@ def robot_from_urdf(
     name, text : str
         Name of the robot; the URDF.
     limits : mapping of str to Limits, optional
-        By joint; they win over the URDF's, field by field. In the URDF, limits of zero or larger than those of any
-        machine count as not stated.
+        By joint; they win over the URDF's, field by field. In the URDF, limits of zero or less, or larger than those
+        of any machine, count as not stated.
     drives : mapping of str to Drive, optional
         Drive chains [12.17], by joint.
     locked_joints : mapping of str to float, optional

@@ -21,7 +21,7 @@ from dynident.identification.column_inference.metadata_proposal import Guess, Qu
 from dynident.identification.identified_models.gravity_from_poses import measure_unexplained_at_rest
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.column_faults import Motion
-from dynident.identification.recording_faults.description_fit import DESCRIPTION_UNITS
+from dynident.identification.recording_faults.description_fit import DESCRIPTION_CHECKS
 from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.identification.recording_faults.fault_search import MOST_JOINTS
 from dynident.identification.recording_faults.joint_angle_faults import ZERO
@@ -467,7 +467,7 @@ def check_against_dynamics(
         f"{robot.joint_names[worst]} {format_percent(unexplained.worst_share, decimals=0)}"
     )
     # The masses of the description explain no residual: identification does not use them.
-    causes = [check for check in wrong if check.name != DESCRIPTION_UNITS]
+    causes = [check for check in wrong if check.name not in DESCRIPTION_CHECKS]
     stuck = np.flatnonzero(np.ptp(q, axis=0) == 0.0)
     # What noise leaves, which goes to and fro from row to row, says nothing of a joint that stands.
     rest = unexplained.joints[worst] * np.sqrt(np.mean(tau[:, worst] ** 2))

@@ -35,6 +35,7 @@ ROW_CHECKS = (
     "rows_left_out",
     "missing_values",
     "saturation",
+    "dead_zone",
     "position_jump",
     "joint_columns",
     "clock_rate",

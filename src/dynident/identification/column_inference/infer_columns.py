@@ -44,8 +44,8 @@ from dynident.identification.column_inference.metadata_proposal import (
     describe_single_joint,
     describe_still_joints,
     describe_unknown_signals,
+    describe_unused_columns,
     describe_waves,
-    find_columns_of_other_joints,
     name_further_efforts,
     read_effort_kind,
     report_silent_torques,
@@ -205,8 +205,7 @@ class _ColumnInference(WorkingProposal):
         drop_dependent_questions(self)
         self.questions = name_further_efforts(self.questions, self.further_efforts)
         self._ask_about_guessed_time()
-        if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
-            self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
+        self.guesses += describe_unused_columns(self.column_names, self.columns, self.robot.n)
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _measure_unexplained(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
@@ -219,7 +218,9 @@ class _ColumnInference(WorkingProposal):
         return min((share for share in shares if share is not None), default=1.0)
 
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
-        candidates = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
+        # Beside motors' angles, theta, joints' are plainly called q.
+        known = self._list_groups(groups, None, "q")
+        candidates = sorted(known, key=lambda group: (group.rank, "q" not in group.named.words))
         if not candidates:
             if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
@@ -380,9 +381,8 @@ class _ColumnInference(WorkingProposal):
     def _guess_rates(self, groups: list[ColumnGroup], position: ColumnGroup, q: FloatArray) -> None:
         """Take velocities that are the slope of the positions, and report those that are not."""
         if candidates := self._list_groups(groups, position, "dq"):
-            n, group = q.shape[1], min(candidates, key=lambda group: group.rank)
-            values = self.values[:, list(group.columns)]
-            correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
+            n, group = q.shape[1], min(candidates, key=lambda group: (group.rank, "dq" not in group.named.words))
+            correlation, factor = correlate_slopes(self.t, np.column_stack([q, self.values[:, list(group.columns)]]))
             # The slope of each position with the velocity of the same joint.
             own = np.array([correlation[j, n + j] for j in range(n)])
             ratio = np.array([factor[j, n + j] for j in range(n)])

@@ -314,8 +314,11 @@ def describe_waves(named: Sequence[ColumnName]) -> str:
     )
 
 
-def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
-    """Return the columns of joints that a robot of n joints lacks, where all of its own have theirs in `columns`."""
+def describe_unused_columns(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[Guess]:
+    """Describe columns that are left out where all of a robot's n joints have theirs in `columns`.
+
+    They are of joints that it lacks, or further signals of its own: angles of the motors beside those of joints.
+    """
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
     used = set(columns.values())
@@ -323,7 +326,16 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
     signals = {column.signal for column in named if column.name in used} & {"q", "dq", "tau", "current", "effort"}
     known = {word for column in named if column.name in used for word in column.words}
     strange = [column for column in named if column.signal in signals and column.rank < 4 and column.name not in used]
-    return [column.name for column in strange if not set(column.words) <= known]
+    strange = [column for column in strange if not set(column.words) <= known]
+    places = {(column.signal, _get_number(column)) for column in named if column.name in used}
+    further = [column.name for column in strange if (column.signal, _get_number(column)) in places]
+    others = [column.name for column in strange if column.name not in further]
+    reasons = ((further, "a second set of signals of the same joints"), (others, "by name of no joint of the robot"))
+    return [Guess("columns", ", ".join(names), 0.8, f"not used: {reason}") for names, reason in reasons if names]
+
+
+def _get_number(column: ColumnName) -> tuple[str, ...]:
+    return tuple(word for word in column.words if word.isdigit()) or column.words
 
 
 def describe_still_joints(names: Sequence[str], q: FloatArray) -> list[Guess]:

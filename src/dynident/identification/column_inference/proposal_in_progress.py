@@ -17,6 +17,7 @@ from dynident.identification.column_inference.column_statistics import Sample
 from dynident.identification.column_inference.dynamics_fits import BORNE_OUT, DynamicsFits
 from dynident.identification.column_inference.metadata_proposal import Guess, Question, ask_for_kind, is_duty
 from dynident.identification.column_inference.torque_or_current import NO_MEASUREMENT, ask_for_servo_gains
+from dynident.identification.recording_faults.description_fit import describe_weightlessness
 from dynident.recordings.columns_to_signals import NOT_RECORDED, compute_servo_error
 from dynident.recordings.conditioning.signed_registers import decode_registers
 from dynident.recordings.recording_metadata import EffortKind, RecordingError
@@ -311,10 +312,9 @@ class WorkingProposal:
         names : str
             Names of their columns.
         """
-        why = NO_MEASUREMENT[kind]
-        self.add_question(
-            "effort_kind", f"{names} are {why}. No model can be identified from them; give the measured torque."
-        )
+        cure, remedies = describe_weightlessness(self.robot) if kind == "gravity_compensated" else ("", ())
+        detail = f"{names} are {NO_MEASUREMENT[kind]}. No model can be identified from them; give the measured torque."
+        self.questions.append(Question("effort_kind", detail + cure, remedies=remedies))
 
     def mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""

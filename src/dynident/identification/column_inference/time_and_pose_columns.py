@@ -86,7 +86,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             work.questions.append(Question("columns/t", order, remedies=(remedy,)))
             return None
         unsorted = [index for index, name in enumerate(work.column_names) if name.signal == "t"]
-        if unsorted and (order := _describe_disorder(names[unsorted[0]], values[:, unsorted[0]])):
+        if unsorted and (order := _describe_disorder(names[unsorted[0]], values, unsorted[0])):
             work.add_question("columns/t", order)
             return None
         # More columns than rows, each row of one signal: what a matrix gives that is written as it lies in memory.
@@ -139,17 +139,20 @@ _RARELY = 1e-3
 """Share of the steps of a time that go back where runs follow one another."""
 
 
-def _describe_disorder(name: str, t: FloatArray) -> str:
+def _describe_disorder(name: str, values: FloatArray, column: int) -> str:
     """Return what to say of a time that goes forward mostly, and back here and there; "" of others."""
+    t = values[:, column]
     steps = np.diff(t)
     back = np.flatnonzero(steps < 0)
     if not len(back) or np.mean(steps > 0) < _MOSTLY:
         return ""
-    return (
-        f"{name} goes back in {len(back)} rows, the first is row {back[0] + 2}: the rows are not in the order of their "
-        "times. Sort the rows by time, if each row has its own time and values; if only the times are exchanged, give "
-        "the rate of the rows in Hz (rate)."
-    )
+    # Positions are smooth in the order in which they were recorded, whatever the times say.
+    others = np.delete(values, column, axis=1)
+    rough = [np.abs(np.diff(rows, 2, axis=0)).sum(axis=0) for rows in (others, others[np.argsort(t, kind="stable")])]
+    is_shuffled = np.count_nonzero(rough[1] < rough[0]) > np.count_nonzero(rough[1] > rough[0])
+    cure = "Sort the rows by time." if is_shuffled else "Do not sort them: give the rate of the rows in Hz (rate)."
+    wrong = "the rows are not in the order of their times" if is_shuffled else "its values are wrong, not the rows"
+    return f"{name} goes back in {len(back)} rows, the first is row {back[0] + 2}: {wrong}. {cure}"
 
 
 _MOSTLY = 0.6

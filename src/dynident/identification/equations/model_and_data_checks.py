@@ -395,9 +395,10 @@ def _name_parameters(model: Model, names: Sequence[str]) -> str:
     return ", ".join(names) + few
 
 
-_OTHER_MASSES, _ALIKE = 1.75, 0.8
+_OTHER_MASSES, _ALIKE, _OTHER_UNITS = 1.75, 0.8, 100.0
 """Ratio of the first moments to those of the description from which on they are told: 0.7 to 1.66 on open recordings
-without a load; and the cosine between both above which one factor describes the difference."""
+without a load; the cosine between both above which one factor describes the difference; and the ratio from which on a
+unit is wrong."""
 
 
 def describe_other_masses(model: Model, values: FloatArray, known: BoolArray) -> tuple[str, ...]:
@@ -422,6 +423,12 @@ def describe_other_masses(model: Model, values: FloatArray, known: BoolArray) ->
     times = float(ours @ theirs / (theirs @ theirs))
     if 1.0 / _OTHER_MASSES < times < _OTHER_MASSES:
         return ()
+    if not 1.0 / _OTHER_UNITS < times < _OTHER_UNITS:
+        return (
+            f"The data ask for links {times:.2g} times as heavy as those of the description (by their first moments). "
+            "No other robot, load or gain is so far off: first compare the units of the description (kg, m) and of the "
+            "torques.",
+        )
     return (
         f"The data ask for links {times:.2g} times as heavy as those of the description (by their first moments). "
         "Identification does not use its masses. If they should be right, this is the description of another robot or "

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.errors import Remedy
 from dynident.identification.recording_faults.column_faults import ColumnFault, Motion
 from dynident.identification.recording_faults.rows_for_fault_search import thin_out
 from dynident.identification.recording_faults.tree_fit import (
@@ -27,8 +28,9 @@ from dynident.identification.recording_faults.unexplained_torque import (
     compute_log_shares,
 )
 from dynident.recordings.recording_metadata import Check
+from dynident.robot.mjcf_reader import has_gravity_compensation
 from dynident.robot.pinocchio_conversion import compute_described_torque
-from dynident.robot.pseudo_inertia import DescriptionUnits
+from dynident.robot.pseudo_inertia import DescriptionUnits, find_impossible_links
 from dynident.robot.robot_model import Robot
 
 _FEW_ROWS = 400
@@ -37,23 +39,63 @@ _FEW_ROWS = 400
 # Added to the scaled normal matrix, so that it can be solved where columns depend on each other.
 _RIDGE = 1e-9
 
-DESCRIPTION_UNITS = "description_units"
+_UNITS, _LENGTHS, _INERTIAS = "description_units", "description_lengths", "description_inertias"
+DESCRIPTION_CHECKS = (_UNITS, _LENGTHS, _INERTIAS)
+"""Checks of the description by itself, which tell nothing of a recording."""
+
+_LONGEST_ARM = 10.0
+"""m between the joints of a fixed arm in line: the largest of industry have 5."""
 
 
-def report_description_units(units: DescriptionUnits) -> Check:
-    """Report a description that is not in SI units.
+def check_description(robot: Robot, units: DescriptionUnits | None) -> tuple[Check, ...]:
+    """Check a description by itself, without any recording; return what is wrong.
 
     Parameters
     ----------
-    units : DescriptionUnits
-        Its units.
+    robot : Robot
+        As it was described.
+    units : DescriptionUnits or None
+        Its units, where they are not SI.
     """
-    return Check(
-        DESCRIPTION_UNITS,
-        "warning",
-        f"The robot's description is not in SI units: its {units}. The torques are not the cause. Identification, "
-        "priors and exports convert them; other tools will not: write them in kg, m and kg m² in the description.",
-    )
+    details: dict[str, str] = {}
+    if units is not None:
+        details[_UNITS] = (
+            f"The robot's description is not in SI units: its {units}. The torques are not the cause. Identification, "
+            "priors and exports convert them; other tools will not: write them in kg, m and kg m² in the description."
+        )
+    length = _measure_arm(robot)
+    if robot.base == "fixed" and length > _LONGEST_ARM:
+        details[_LENGTHS] = (
+            f"By its description the arm is {length:.3g} m long from its first joint to its last. If its lengths are "
+            f"in cm ({length / 100.0:.2g} m) or mm ({length / 1000.0:.2g} m), write them in m in the description: "
+            "until then no inertia, no load and no cause of an error is right."
+        )
+    if impossible := find_impossible_links(robot):
+        details[_INERTIAS] = (
+            f"The description gives {', '.join(impossible)} an inertia that no body has (each moment is positive, and "
+            "at most the sum of the other two, about the centre of mass): elements may be in a wrong order. "
+            "Identification does not use them; priors, designs and simulators do."
+        )
+    return tuple(Check(name, "warning", detail) for name, detail in details.items())
+
+
+def _measure_arm(robot: Robot) -> float:
+    """Return the length in m of the longest chain of joints in line, without what the first one stands on."""
+    lengths: list[float] = []
+    for joint in robot.tree.joints:
+        own = float(np.linalg.norm(np.asarray(joint.placement)[:3, 3]))
+        lengths.append(lengths[joint.parent] + own if joint.parent >= 0 else 0.0)
+    return max(lengths, default=0.0)
+
+
+def describe_weightlessness(robot: Robot) -> tuple[str, tuple[Remedy, ...]]:
+    """Return what to do about a torque without gravity where the description takes it off all bodies (`gravcomp`)."""
+    if robot.description is None or robot.description.format != "mjcf":
+        return "", ()
+    if not has_gravity_compensation(robot.description.content):
+        return "", ()
+    remedy = Remedy("gravity", (0.0, 0.0, 0.0))
+    return f" The description has gravity taken off all bodies (gravcomp): of a simulation state {remedy}.", (remedy,)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from dynident.identification.recording_faults.column_faults import (
     build_revision,
     is_possible_delay,
 )
-from dynident.identification.recording_faults.description_fit import report_description_units
+from dynident.identification.recording_faults.description_fit import check_description, describe_weightlessness
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
     CURED,
@@ -146,7 +146,7 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     units = find_description_units(robot)
     # Masses in grams make every torque look a thousand times too small: the description is brought to SI first.
     machine = robot if units is None else units.to_si(robot)
-    described = () if units is None else (report_description_units(units),)
+    described = check_description(robot, units)
     judges = HeldOutFits(machine)
     # All checks share these rows, as reading and filtering the whole recording takes most of the time.
     bands = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else []
@@ -272,17 +272,14 @@ def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tup
     shares = detect_compensated_gravity(robot, motion)
     if shares is None:
         return ()
-    return (
-        Check(
-            "gravity_load",
-            "error",
-            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): it contains "
-            f"{format_percent(shares.gravity, decimals=0)} of the gravity torque that the masses of the description "
-            f"need, and {format_percent(shares.motion, decimals=0)} of the torque for the motion. "
-            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
-            tau[0],
-        ),
+    cure, remedies = describe_weightlessness(robot)
+    detail = (
+        f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): it contains "
+        f"{format_percent(shares.gravity, decimals=0)} of the gravity torque that the masses of the description "
+        f"need, and {format_percent(shares.motion, decimals=0)} of the torque for the motion. "
+        f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.{cure}"
     )
+    return (Check("gravity_load", "error", detail, tau[0], remedies=remedies),)
 
 
 def _report_mounting(mounting: Mounting, robot: Robot) -> Check:

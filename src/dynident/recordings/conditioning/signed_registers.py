@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
 from dynident.recordings.recording_metadata import Check
+from dynident.recordings.signal_spectra import find_step
 
 _FEWEST_JUMPS = 3
 """Jumps across zero that tell a register: a corrupted sample makes two."""
@@ -30,30 +31,36 @@ _FIRST = 64
 
 BITS_OF: Mapping[str, Collection[int]] = {"q": WIDE_BITS, "tau": BITS}
 
-_WHOLE = 1e-3
-"""How far a whole number may be from one, after its unit was taken into account and out again."""
+_WHOLE, _OF_STEP = 1e-3, 0.05
+"""How far a whole number may be from one, after its unit was taken into account and out again; and one that a log holds
+times a constant, with the digits that it prints."""
 
 
 @dataclass(frozen=True)
 class Register:
-    """A signed register: `bit` holds the sign, of a magnitude, or of a two's complement."""
+    """A signed register: `bit` holds the sign, of a magnitude, or of a two's complement.
+
+    The log may hold its numbers times a constant: `steps` are what one count is in each column.
+    """
 
     bit: int
     is_magnitude: bool
+    steps: tuple[float, ...] = (1.0,)
 
     def decode(self, raw: FloatArray) -> FloatArray:
         """Return the signed numbers of a register that was read as unsigned."""
-        size = 2.0**self.bit
-        negative = size - raw if self.is_magnitude else raw - 2.0 * size
-        return np.where(raw >= size, negative, raw)
+        size, counts = 2.0**self.bit, np.rint(raw / self.steps)
+        negative = size - counts if self.is_magnitude else counts - 2.0 * size
+        return np.where(counts >= size, negative * self.steps, raw)
 
     def __str__(self) -> str:
         size = 2**self.bit
+        times = "" if set(self.steps) == {1.0} else f" times their step, {min(self.steps):.4g},"
         if self.is_magnitude:
-            return f"the values jump by {size} around zero, so bit {self.bit} is the sign: {size} + x means -x"
+            return f"the values jump by {size}{times} around zero, so bit {self.bit} is the sign: {size} + x means -x"
         return (
-            f"the values jump by {2 * size} around zero, as signed numbers of {self.bit + 1} bits do when they are "
-            "read as unsigned"
+            f"the values jump by {2 * size}{times} around zero, as signed numbers of {self.bit + 1} bits do when they "
+            "are read as unsigned"
         )
 
 
@@ -74,9 +81,13 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
     Register or None
         The register, which decodes the numbers.
     """
-    # Most signals are no whole numbers, which their first rows tell.
-    if not (_are_counts(raw[:_FIRST]) and _are_counts(raw)):
+    # What was read as unsigned is never below zero, which the first rows of most signals refute.
+    if (raw[:_FIRST] < -_WHOLE).any() or (raw < -_WHOLE).any():
         return None
+    steps = tuple(map(_find_count, raw.T))
+    if not all(steps):
+        return None
+    raw = raw / steps
     # If the sign was not read, negative numbers have the highest bit set: it shows in the largest number.
     bit = int(np.floor(np.log2(max(float(np.nanmax(raw, initial=0.0)), 1.0))))
     if bit not in bits:
@@ -92,13 +103,20 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
     passes = np.diff(raw >= 2.0**bit, axis=0)[together]
     smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
     is_register = jumps >= _FEWEST_JUMPS and remaining_jumps <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
-    return register if is_register else None
+    return replace(register, steps=steps) if is_register else None
 
 
-def _are_counts(raw: FloatArray) -> bool:
-    """Return whether all finite numbers are whole and not below zero."""
+def _find_count(raw: FloatArray) -> float:
+    """Return what one count is in a column (m,): 1 of whole numbers, the step of others; 0 where they have none."""
     finite = raw[np.isfinite(raw)]
-    return bool((finite >= -_WHOLE).all() and (np.abs(finite - np.rint(finite)) <= _WHOLE).all())
+    if (np.abs(finite - np.rint(finite)) <= _WHOLE).all():
+        return 1.0
+    step = find_step(finite) if len(finite) else 0.0
+    if not step:
+        return 0.0
+    # The whole range tells the step closer than single gaps, whose digits are rounded.
+    step = float(finite.max()) / float(np.rint(finite.max() / step))
+    return step if (np.abs(finite / step - np.rint(finite / step)) <= _OF_STEP).all() else 0.0
 
 
 def _count_jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
@@ -131,8 +149,8 @@ class SignedRegisters:
             if register is None:
                 continue
             self._registers[kind] = register
-            decoded = register.decode(np.rint(raw))
-            changed = decoded != np.rint(raw)
+            decoded = register.decode(raw)
+            changed = decoded != raw
             window.values[:, at] = np.where(changed, decoded * factors + offsets, window.values[:, at])
             found_rows = self._found.setdefault(kind, ChangedRows())
             for place, column in enumerate(columns):
@@ -208,8 +226,11 @@ the share of the variance there that a line explains once the sign is back: of a
 def _has_lost_sign(tau: FloatArray) -> bool:
     """Tell whether a torque (m,) that is never below 0 often turns back there, as the absolute value of another does.
 
-    One that stays at 0 is cut off, or of a drive that is off; one that stays near 0 may carry its load otherwise.
+    One that stays at 0 is cut off, or of a drive that is off; one that stays near 0 may carry its load otherwise; and
+    one that jumps by most of its range from row to row is a register whose sign was not read.
     """
+    if np.count_nonzero(np.abs(np.diff(tau)) > 0.5 * np.ptp(tau)) >= _FEWEST_JUMPS:
+        return False
     share = tau / tau.max()
     away = np.flatnonzero(share > AWAY)
     are_turns = []

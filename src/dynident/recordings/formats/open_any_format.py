@@ -31,7 +31,7 @@ from dynident.recordings.formats.rearranged_tables import join_stacked_series, r
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.recording_metadata import Format, RecordingError
 from dynident.recordings.sample_series_join import join_own_clocks, join_sparse_rows
-from dynident.recordings.time_columns import FEWEST_STEPS, is_time_name, join_split_stamps, sum_increments
+from dynident.recordings.time_columns import FEWEST_STEPS, is_time_name, join_split_stamps, repair_times
 from dynident.text_encoding import escape_surrogates
 
 FORMATS: tuple[str, ...] = get_args(Format)
@@ -217,7 +217,7 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
         )
     file = _open_source(path, file_format)
     # Times since the row before come after all repairs, and the stated rate last, which replaces any time.
-    source = unwrap_counter(sum_increments(_repair(file)))
+    source = unwrap_counter(repair_times(_repair(file)))
     if rate is None and not any(is_time_name(name) for name in source.names):
         rate = file.stated_rate
         if rate is not None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.formats.text_streams import is_in_most_lines
 from dynident.recordings.recording_metadata import RecordingError
-from dynident.recordings.time_columns import are_times
+from dynident.recordings.units import are_times
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Fielddefs

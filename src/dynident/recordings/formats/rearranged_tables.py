@@ -30,7 +30,8 @@ from dynident.recordings.formats.csv_and_parquet import StackedSource
 from dynident.recordings.formats.printed_records import LineStream
 from dynident.recordings.formats.text_streams import TextContent, decode_text
 from dynident.recordings.recording_metadata import RecordingError
-from dynident.recordings.time_columns import are_times, is_time_name
+from dynident.recordings.time_columns import is_time_name
+from dynident.recordings.units import are_times
 
 Rearrange = Callable[[Iterator[str]], Iterator[str]]
 
