@@ -596,6 +596,41 @@ def test_of_several_blocks_without_names_that_may_be_torques_one_is_asked_for(se
     assert question.choices == ("column14 … column19", "column26 … column31")
 
 
+@pytest.mark.parametrize("further", ["temperatures", "command and error", "accelerations"])
+def test_torques_without_names_that_resemble_accelerations_are_the_torques(further: str) -> None:
+    robot, given = arm("scara"), fourier_motion(arm("scara"), 20.0, 100.0, 1)
+    tau = pinocchio_torque(robot, given.q, given.dq, given.ddq) + np.array([8.0, 4.0, 90.0, 0.5]) * given.ddq
+    warm = 30.0 + np.random.default_rng(1).normal(0.0, 0.05, given.q.shape) + 0.1 * given.t[:, None]
+    late = np.roll(given.q, -3, axis=0)
+    others = {
+        "temperatures": (tau, warm, 2.0 * warm + np.roll(warm, 7, axis=0)),
+        "command and error": (tau, late, late - given.q),
+        "accelerations": (given.ddq, tau, warm),
+    }
+    found = propose(make_nameless(given.t, given.q, given.dq, *others[further]), robot)
+    offered = [question.choices for question in found.questions if question.field == "columns/tau"]
+    torque = "column14" if further == "accelerations" else "column10"
+    assert found.columns["tau1"] == torque
+    assert all(torque in choices[0] for choices in offered)
+
+
+def test_more_blocks_without_names_than_drives_write_are_not_tried() -> None:
+    random = np.random.default_rng(1).normal(size=(2000, 60)).cumsum(axis=0)
+    t, tried = np.arange(2000) / 200.0, []
+
+    def measure(*columns: tuple[int, ...]) -> float:
+        tried.append(columns)
+        return 1.0
+
+    q = np.sin(3.0 * t[:, None] + np.arange(3.0))
+    values = np.column_stack([q, np.gradient(q, t, axis=0), random])
+    assert identify_unnamed_columns(t, values, range(66), 3, measure) is None
+    found = identify_unnamed_columns(t, values, range(48), 3, measure)
+    assert found is not None
+    assert found.positions == (0, 1, 2)
+    assert len(tried) == 14
+
+
 def test_positions_without_names_beside_those_that_were_commanded_are_asked_about() -> None:
     given = log("ur10", 3)
     late = lfilter([0.2], [1.0, -0.8], given.q - given.q[0], axis=0) + given.q[0]
