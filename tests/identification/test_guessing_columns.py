@@ -666,18 +666,33 @@ def test_efforts_that_never_change_are_said_to() -> None:
     columns = {"time": given.t} | {f"q{j + 1}": given.q[:, j] for j in JOINTS}
     columns |= {f"effort{j + 1}": np.full(len(given.t), 2.5 + j) for j in JOINTS}
     (question,) = guess(ROBOT, columns).questions
-    assert question.detail.startswith("effort1 … effort6 have one value each in all rows")
+    assert question.detail.startswith(
+        "effort1 … effort6 have one value each in all rows. If they are in another file, "
+    )
+    columns |= {f"effort{j + 1}": np.full(len(given.t), np.nan) for j in JOINTS}
+    (question,) = guess(ROBOT, columns).questions
+    assert question.detail.startswith("effort1 … effort6 have no number in any row. If they are in another file, ")
 
 
-def test_counted_columns_of_most_joints_are_said_to_be_fewer_than_the_joints() -> None:
+@pytest.mark.parametrize(("size", "is_asked"), [(np.nan, False), (0.0, False), (1e-4, True), (1e4, True)])
+def test_drives_are_chosen_by_whether_they_move_and_not_by_how_far_in_units_that_may_differ(
+    size: float, is_asked: bool
+) -> None:
+    q, _, ddq = (values[:, 0] for values in swing(100.0, 1.0, 1))
+    t = np.arange(len(q)) / 100.0
+    columns = {"time": t, "Drive 0 Position": size * np.sin(t), "Drive 1 Position": q}
+    columns |= {"Drive 0 Current": size * np.cos(t), "Drive 1 Current": 0.2 * ddq + 1.5 * np.sin(q)}
+    found = propose(Sample(tuple(columns), np.column_stack(list(columns.values())), {}), draw_pendulum(2.0, 0.3))
+    assert ("columns/q" in {question.field for question in found.questions}) is is_asked
+    assert is_asked or found.columns["current1"] == "Drive 1 Current"
+
+
+def test_counted_columns_that_may_be_of_anything_say_nothing_of_joints_that_are_missing() -> None:
     given = log("franka_panda", 1)
-    columns = {"time": given.t} | {f"joint_{j}": given.q[:, j] for j in range(6)}
-    columns |= {f"column{k}": np.full(len(given.t), k) for k in (25, 26)}
-    details = {question.field: question.detail for question in guess(arm("franka_panda"), columns).questions}
-    assert "joint_0 … joint_5 are 6 columns, but the robot has 7 joints: lock" in details["columns/q"]
-    temperatures = {"time": given.t} | {f"temperature_{j}": given.q[:, j] for j in range(6)}
-    details = {question.field: question.detail for question in guess(arm("franka_panda"), temperatures).questions}
-    assert "temperature_0" not in details["columns/q"]
+    for names in ([f"joint_{j}" for j in range(6)], [f"temperature_{j}" for j in range(8)]):
+        columns = {"time": given.t} | {name: given.q[:, j % 6] + 0.1 * j for j, name in enumerate(names)}
+        details = {question.field: question.detail for question in guess(arm("franka_panda"), columns).questions}
+        assert "but the robot has" not in details["columns/q"]
 
 
 @pytest.mark.parametrize("name", ["a1 q-axis [A]", "q1 (mA)"])
