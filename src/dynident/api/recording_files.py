@@ -456,9 +456,7 @@ def revise(
     file = SourceFile(source.path, source.metadata.name, owner=source.owner)
     read = _read_recording(file, recording.robot, revised, edits=edits)
     # What was guessed is guessed still.
-    guessed = [
-        check for check in recording.checks if check.name == COLUMNS and revised.columns == source.metadata.columns
-    ]
+    guessed = [c for c in recording.checks if c.name == COLUMNS and revised.columns == source.metadata.columns]
     return replace(read, checks=(*read.checks, *guessed))
 
 
