@@ -109,7 +109,7 @@ def select_axes_in_use(groups: Sequence[ColumnGroup], values: FloatArray) -> lis
     stems = {tuple(word for word in group.named.words if not word.isdigit()) for group in groups}
     # Units of other axes may differ, and sizes say nothing. What stands still is noise, or has one value or none.
     rough = [compute_roughness(values[:, list(group.columns)]) for group in groups]
-    in_use = [group for group, of in zip(groups, rough, strict=True) if ((of > 0.0) & (of < _NOISE)).any()]
+    in_use = [group for group, size in zip(groups, rough, strict=True) if ((size > 0.0) & (size < _NOISE)).any()]
     return in_use if len(stems) == 1 and in_use else list(groups)
 
 
