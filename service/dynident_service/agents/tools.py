@@ -262,8 +262,8 @@ def _load_model_with(
 
 def _tell(recordings: Iterable[dy.Recordings], text: str) -> str:
     """Return a text behind the findings of the recordings: with which columns they were read, for example."""
-    found = (f"{item.name}, {finding}" for runs in recordings for item in runs for finding in item.findings)
-    return "\n".join([*found, text])
+    lines = (f"{item.name}, {finding}" for runs in recordings for item in runs for finding in item.findings)
+    return "\n".join([*lines, text])
 
 
 def _load_diagnosis(folder: Folder, path: str) -> AdvisedDiagnosis:
