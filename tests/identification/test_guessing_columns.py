@@ -596,6 +596,41 @@ def test_of_several_blocks_without_names_that_may_be_torques_one_is_asked_for(se
     assert question.choices == ("column14 … column19", "column26 … column31")
 
 
+@pytest.mark.parametrize("further", ["temperatures", "command and error", "accelerations"])
+def test_torques_without_names_that_resemble_accelerations_are_the_torques(further: str) -> None:
+    robot, given = arm("scara"), fourier_motion(arm("scara"), 20.0, 100.0, 1)
+    tau = pinocchio_torque(robot, given.q, given.dq, given.ddq) + np.array([8.0, 4.0, 90.0, 0.5]) * given.ddq
+    warm = 30.0 + np.random.default_rng(1).normal(0.0, 0.05, given.q.shape) + 0.1 * given.t[:, None]
+    late = np.roll(given.q, -3, axis=0)
+    others = {
+        "temperatures": (tau, warm, 2.0 * warm + np.roll(warm, 7, axis=0)),
+        "command and error": (tau, late, late - given.q),
+        "accelerations": (given.ddq, tau, warm),
+    }
+    found = propose(make_nameless(given.t, given.q, given.dq, *others[further]), robot)
+    offered = [question.choices for question in found.questions if question.field == "columns/tau"]
+    torque = "column14" if further == "accelerations" else "column10"
+    assert found.columns["tau1"] == torque
+    assert all(torque in choices[0] for choices in offered)
+
+
+def test_more_blocks_without_names_than_drives_write_are_not_tried() -> None:
+    random = np.random.default_rng(1).normal(size=(2000, 60)).cumsum(axis=0)
+    t, tried = np.arange(2000) / 200.0, []
+
+    def measure(*columns: tuple[int, ...]) -> float:
+        tried.append(columns)
+        return 1.0
+
+    q = np.sin(3.0 * t[:, None] + np.arange(3.0))
+    values = np.column_stack([q, np.gradient(q, t, axis=0), random])
+    assert identify_unnamed_columns(t, values, range(66), 3, measure) is None
+    found = identify_unnamed_columns(t, values, range(48), 3, measure)
+    assert found is not None
+    assert found.positions == (0, 1, 2)
+    assert len(tried) == 14
+
+
 def test_positions_without_names_beside_those_that_were_commanded_are_asked_about() -> None:
     given = log("ur10", 3)
     late = lfilter([0.2], [1.0, -0.8], given.q - given.q[0], axis=0) + given.q[0]
@@ -631,18 +666,33 @@ def test_efforts_that_never_change_are_said_to() -> None:
     columns = {"time": given.t} | {f"q{j + 1}": given.q[:, j] for j in JOINTS}
     columns |= {f"effort{j + 1}": np.full(len(given.t), 2.5 + j) for j in JOINTS}
     (question,) = guess(ROBOT, columns).questions
-    assert question.detail.startswith("effort1 … effort6 have one value each in all rows")
+    assert question.detail.startswith(
+        "effort1 … effort6 have one value each in all rows. If they are in another file, "
+    )
+    columns |= {f"effort{j + 1}": np.full(len(given.t), np.nan) for j in JOINTS}
+    (question,) = guess(ROBOT, columns).questions
+    assert question.detail.startswith("effort1 … effort6 have no number in any row. If they are in another file, ")
 
 
-def test_counted_columns_of_most_joints_are_said_to_be_fewer_than_the_joints() -> None:
+@pytest.mark.parametrize(("size", "is_asked"), [(np.nan, False), (0.0, False), (1e-4, True), (1e4, True)])
+def test_drives_are_chosen_by_whether_they_move_and_not_by_how_far_in_units_that_may_differ(
+    size: float, is_asked: bool
+) -> None:
+    q, _, ddq = (values[:, 0] for values in swing(100.0, 1.0, 1))
+    t = np.arange(len(q)) / 100.0
+    columns = {"time": t, "Drive 0 Position": size * np.sin(t), "Drive 1 Position": q}
+    columns |= {"Drive 0 Current": size * np.cos(t), "Drive 1 Current": 0.2 * ddq + 1.5 * np.sin(q)}
+    found = propose(Sample(tuple(columns), np.column_stack(list(columns.values())), {}), draw_pendulum(2.0, 0.3))
+    assert ("columns/q" in {question.field for question in found.questions}) is is_asked
+    assert is_asked or found.columns["current1"] == "Drive 1 Current"
+
+
+def test_counted_columns_that_may_be_of_anything_say_nothing_of_joints_that_are_missing() -> None:
     given = log("franka_panda", 1)
-    columns = {"time": given.t} | {f"joint_{j}": given.q[:, j] for j in range(6)}
-    columns |= {f"column{k}": np.full(len(given.t), k) for k in (25, 26)}
-    details = {question.field: question.detail for question in guess(arm("franka_panda"), columns).questions}
-    assert "joint_0 … joint_5 are 6 columns, but the robot has 7 joints: lock" in details["columns/q"]
-    temperatures = {"time": given.t} | {f"temperature_{j}": given.q[:, j] for j in range(6)}
-    details = {question.field: question.detail for question in guess(arm("franka_panda"), temperatures).questions}
-    assert "temperature_0" not in details["columns/q"]
+    for names in ([f"joint_{j}" for j in range(6)], [f"temperature_{j}" for j in range(8)]):
+        columns = {"time": given.t} | {name: given.q[:, j % 6] + 0.1 * j for j, name in enumerate(names)}
+        details = {question.field: question.detail for question in guess(arm("franka_panda"), columns).questions}
+        assert "but the robot has" not in details["columns/q"]
 
 
 @pytest.mark.parametrize("name", ["a1 q-axis [A]", "q1 (mA)"])

@@ -205,3 +205,41 @@ def test_a_motion_from_place_to_place_and_a_periodic_one_are_no_grid(rows: int) 
     assert not are_poses((np.sin(2.0 * np.pi * 0.7 * t) + noise)[:, None])
     steps = np.repeat(np.random.default_rng(3).permutation(rows // 10), 10)[:, None] / rows
     assert not are_poses(8.0 * steps + noise[:, None])
+
+
+def wrap(angles: np.ndarray) -> np.ndarray:
+    return (angles + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("resolution", [1.0, 3.0])
+@pytest.mark.parametrize("rate", [2.0, 5.0, 10.0, 20.0])
+def test_motions_with_coarse_encoders_and_sawteeth_are_no_grids(rate: float, resolution: float) -> None:
+    for seed in range(10):
+        q = fourier_motion(arm("ur10"), 60.0, rate, seed, base_frequency=0.05).q[:, :3]
+        step = np.deg2rad(resolution)
+        assert not are_poses(np.round(q / step) * step)
+    k = np.arange(400.0)
+    saw = np.deg2rad(np.round(np.interp(k % 20.0, [0.0, 17.0, 20.0], [0.0, 51.0, 0.0])))
+    assert not are_poses(saw[:, None])
+    assert not are_poses(np.column_stack([saw, 0.1 * np.sin(k / 30.0)]))
+
+
+@pytest.mark.parametrize("rows", [30, 60, 90])
+def test_constant_velocities_of_angles_that_are_wrapped_are_no_grid(rows: int) -> None:
+    k = np.arange(1200.0)
+    turning = wrap(2.0 * np.pi * k / rows)
+    assert not are_poses(turning[:, None])
+    assert not are_poses(np.column_stack([turning, wrap(2.0 * np.pi * k / (rows + 1))]))
+    assert not are_poses(np.column_stack([turning, 0.5 * np.sin(k / 50.0)]))
+
+
+@pytest.mark.parametrize(("step", "slow"), [(0.2, False), (5.0, True)])
+def test_columns_are_poses_only_where_their_times_are_far_apart(step: float, slow: bool) -> None:
+    robot = arm("ur10")
+    places = np.array([(a, b) for a in np.linspace(-1.2, 1.0, 9) for b in np.linspace(-0.8, 0.9, 12)])
+    q = np.zeros((108, 6))
+    q[:, 1:3] = places
+    tau = pinocchio_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
+    names = ("time", *(f"q{j + 1}" for j in range(6)), *(f"tau{j + 1}" for j in range(6)))
+    found = propose(Sample(names, np.column_stack([step * np.arange(108.0), q, tau]), {}), robot)
+    assert any("poses at rest" in guess.reason for guess in found.guesses) is slow

@@ -18,6 +18,7 @@ from dynident.identification.column_inference.file_inspection import read_sample
 from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.unit_inference import get_factor
 from dynident.recordings import RecordingError, RecordingMetadata
+from dynident.recordings.formats import open_source
 from dynident.recordings.units import FACTORS
 from dynident.robot import Robot, robot_from_urdf
 
@@ -547,6 +548,30 @@ def test_signals_on_lines_of_their_own_in_turn_are_rows(tmp_path: Path, sign: st
     sample = read_sample(path)
     assert sample.names == tuple(f"{signal}{j + 1}" for signal in signals for j in range(6))
     np.testing.assert_array_equal(sample.values, values.reshape(50, 18))
+
+
+@pytest.mark.parametrize("time", ["time {}", "time: {}", "time,{}"])
+def test_signals_in_turn_may_have_one_number_and_places_without_any(tmp_path: Path, time: str) -> None:
+    path = tmp_path / "run.dat"
+    rows = [[0.01 * k, 0.1 * k, "nan" if k == 3 else -k, 2 * k, "-inf" if k == 4 else 0.5] for k in range(50)]
+    path.write_text("".join(f"{time.format(t)}\nPosition {a} {b}\nTorque {c} {d}\n" for t, a, b, c, d in rows))
+    sample = read_sample(path)
+    assert sample.names == ("time", "Position1", "Position2", "Torque1", "Torque2")
+    expected = np.array(rows, dtype=float)
+    np.testing.assert_array_equal(sample.values, np.where(np.isinf(expected), sample.values, expected))
+
+
+@pytest.mark.parametrize("broken", ["", "Position 0.1 -", "Position 0.1 1-2-3"])
+def test_a_line_that_is_missing_does_not_put_signals_of_two_rows_together(tmp_path: Path, broken: str) -> None:
+    path = tmp_path / "run.dat"
+    rows = [f"Position {k} {k + 0.5}\nTorque {-k} {-k - 0.5}\n" for k in range(6000)]
+    rows[5000] = rows[5000].replace("Position 5000 5000.5", broken)
+    path.write_text("".join(rows))
+    values = np.concatenate([np.asarray(block) for block in open_source(path, None).blocks()])
+    assert len(values) == 6000
+    whole = np.isfinite(values).all(axis=1)
+    assert np.count_nonzero(~whole) == 1
+    np.testing.assert_array_equal(values[whole, 0], -values[whole, 2])
 
 
 def test_words_before_rows_that_come_in_no_order_are_states(tmp_path: Path) -> None:

@@ -59,14 +59,21 @@ def are_poses(q: FloatArray) -> bool:
 
 
 def _are_on_grid(q: FloatArray) -> bool:
-    """Return whether positions of joints that move are a grid, which one of the joints runs through again and again."""
+    """Return whether positions of joints that move are a grid of several joints, which one of them runs through."""
     span = np.ptp(q, axis=0)
-    gaps, steps = np.diff(np.sort(q, axis=0), axis=0) / span, np.abs(np.diff(q, axis=0)) / span
-    between = ((gaps > _SAME_PLACE) & (gaps < _NEXT_PLACE)).sum(axis=0)
-    # From place to place in nearly every row, and from the last one back to the first: a motion does not jump.
+    order = np.argsort(q, axis=0)
+    gaps, steps = np.diff(np.take_along_axis(q, order, axis=0), axis=0) / span, np.abs(np.diff(q, axis=0)) / span
+    if len(span) < 2 or ((gaps > _SAME_PLACE) & (gaps < _NEXT_PLACE)).any():
+        return False
+    # One joint goes from place to place in nearly every row, and back from the last to the first, while others stay.
     middle = np.median(steps, axis=0)
-    runs = (middle > _NEXT_PLACE) & (steps.max(axis=0) > _BACK * middle)
-    return not between.any() and bool(runs.any())
+    runs = middle > _NEXT_PLACE
+    if np.count_nonzero(runs) != 1 or (steps.max(axis=0) <= _BACK * middle)[runs].any():
+        return False
+    # A motion reaches few of all combinations of places, as those of a coarse encoder.
+    places = np.zeros(q.shape, dtype=np.int64)
+    np.put_along_axis(places, order[1:], np.cumsum(gaps > _SAME_PLACE, axis=0), axis=0)
+    return 2 * len(np.unique(places, axis=0)) > float(np.prod(places.max(axis=0) + 1.0))
 
 
 _SAME_PLACE, _NEXT_PLACE, _BACK = 1e-3, 1e-2, 3.0

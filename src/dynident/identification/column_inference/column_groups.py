@@ -15,6 +15,7 @@ from dynident.identification.column_inference.column_names import (
     list_spellings_by_joint,
     strip_shared_words,
 )
+from dynident.identification.column_inference.column_statistics import compute_roughness
 from dynident.identification.column_inference.metadata_proposal import Question, ask_to_lock, ask_to_lock_still_joints
 from dynident.number_format import format_percent
 from dynident.recordings.units import get_signal_of_unit
@@ -99,15 +100,16 @@ def _find_columns_of_most_joints(
     return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
 
 
-_IN_USE = 0.01
-"""Spread of an axis that moves, at least, as a share of the largest."""
+_NOISE = 1.0
+"""Roughness from which on a position is noise: at rest it is 2.4, and of a motion of 0.5 Hz, logged at 4 Hz, 0.6."""
 
 
 def select_axes_in_use(groups: Sequence[ColumnGroup], values: FloatArray) -> list[ColumnGroup]:
     """Return the groups that move, where a number alone tells their names apart: of several drives one is in use."""
     stems = {tuple(word for word in group.named.words if not word.isdigit()) for group in groups}
-    spread = [float(values[:, list(group.columns)].std(axis=0).max()) for group in groups]
-    in_use = [group for group, size in zip(groups, spread, strict=True) if size > _IN_USE * max(spread)]
+    # Units of other axes may differ, and sizes say nothing. What stands still is noise, or has one value or none.
+    rough = [compute_roughness(values[:, list(group.columns)]) for group in groups]
+    in_use = [group for group, size in zip(groups, rough, strict=True) if ((size > 0.0) & (size < _NOISE)).any()]
     return in_use if len(stems) == 1 and in_use else list(groups)
 
 

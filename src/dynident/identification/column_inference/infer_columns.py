@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +38,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     Question,
     ask_for_unit_of_time,
     ask_to_lock_still_joints,
+    describe_constant_columns,
     describe_further_joints,
     describe_gear_ratios,
     describe_single_joint,
@@ -248,7 +248,7 @@ class _ColumnInference(WorkingProposal):
         if any(question.field == "robot" for question in self.questions):
             return None, "unknown"  # first the user has to say which joints the robot has
         candidates = self._list_groups(groups, position, *_EFFORTS)
-        sizes = [np.abs(np.nan_to_num(self.values[:, list(group.columns)])).max() for group in candidates]
+        sizes = [np.fmax.reduce(np.abs(self.values[:, list(group.columns)]), axis=None) for group in candidates]
         silent = [group for group, size in zip(candidates, sizes, strict=True) if size < _NOTHING]
         smallest = min((size for size in sizes if size > 0.0), default=0.0)
         candidates = [group for group in candidates if self.alive[list(group.columns)].any() and group not in silent]
@@ -278,9 +278,9 @@ class _ColumnInference(WorkingProposal):
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
             detail = "No columns were recognised as torques or currents of all joints."
-            detail += self._describe_candidates(groups, _EFFORTS, "torque")
             for still in self._list_groups(groups, position, *_EFFORTS)[:1]:
-                detail = f"{self.name_columns(still)} have one value each in all rows: was the torque recorded?"
+                detail = describe_constant_columns(self.name_columns(still), self.values[:, list(still.columns)])
+            detail += self._describe_candidates(groups, _EFFORTS, "torque")
             self.add_question("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = candidates[0]
@@ -305,8 +305,7 @@ class _ColumnInference(WorkingProposal):
         known = [group for group in groups if group.signal in signals and group is not q]
         if q is None or self.robot.n > 1:
             return known
-        axis = re.findall(r"\d+", self.name_columns(q))
-        return [group for group in known if re.findall(r"\d+", self.name_columns(group)) == axis] or known
+        return [group for group in known if group.named.numbers == q.named.numbers] or known
 
     def _describe_candidates(self, groups: list[ColumnGroup], signals: tuple[str, ...], name: str) -> str:
         """Say which columns may be a signal that was not recognised, or where else it may be."""

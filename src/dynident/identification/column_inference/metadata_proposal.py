@@ -202,7 +202,7 @@ def ask_to_lock_still_joints(robot: Robot, positions: FloatArray, joints: Sequen
 
 
 def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:
-    """Describe columns that are counted beyond the robot's n joints, as of a gripper, or of most of them alone.
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
 
     Parameters
     ----------
@@ -226,14 +226,12 @@ def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collec
         numbers = sorted(column.numbers[0] for column in members)
         is_counted = numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1)
         is_other = members[0].signal not in (None, *signals)
-        if is_other or not is_counted or len(members) == n or 2 * len(members) <= n:
+        if is_other or not is_counted or len(members) <= n:
             continue
-        which = "which columns belong to the joints?"
-        if len(members) < n:
-            which = "lock those that are not in the file (--lock), such as the fingers of a hand."
         joints = "1 joint" if n == 1 else f"{n} joints"
         return (
-            f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {joints}: {which}"
+            f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {joints}: which "
+            "columns belong to the joints?"
         )
     return ""
 
@@ -256,6 +254,24 @@ def describe_unknown_signals(unknown: Sequence[str], signal: str) -> str:
     if not unknown:
         return f" No further columns stand for all joints: was the {signal} recorded?"
     return f" Names of columns for all joints that do not say what they are: {'; '.join(unknown[:3])}."
+
+
+def describe_constant_columns(names: str, values: FloatArray) -> str:
+    """Say that columns never change.
+
+    Parameters
+    ----------
+    names : str
+        What the user calls them.
+    values : (m, n)
+        Their values; NaN where there is no number.
+
+    Returns
+    -------
+    str
+        A sentence.
+    """
+    return f"{names} have {'one value each in all rows' if np.isfinite(values).any() else 'no number in any row'}."
 
 
 def describe_single_joint(named: Sequence[ColumnName], n: int, signals: Collection[str]) -> str:

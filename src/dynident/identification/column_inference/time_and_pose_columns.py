@@ -32,7 +32,7 @@ from dynident.recordings.columns_to_signals import NOT_RECORDED
 from dynident.recordings.file_source import find_bursts
 from dynident.recordings.pose_recordings import are_poses
 from dynident.recordings.recording_metadata import EffortKind, RecordingError, RecordingMetadata
-from dynident.recordings.sampling_clock import GAP_PERIODS
+from dynident.recordings.sampling_clock import GAP_PERIODS, LONGEST_PERIOD
 from dynident.recordings.signal_spectra import fill_gaps, find_rate_by_slopes
 from dynident.recordings.time_columns import is_time_name
 from dynident.robot import Robot
@@ -210,10 +210,13 @@ _MANY_REPEATED = 0.2
 
 
 def are_columns_poses(work: WorkingProposal) -> bool:
-    """Tell whether the columns called positions jump from row to row: the robot stands at each."""
-    positions = [k for k, name in enumerate(work.column_names) if name.signal == "q"]
-    q = fill_gaps(work.sample.values[:, positions])
-    return len(positions) >= work.robot.n and are_poses(q)
+    """Tell whether the columns called positions jump from row to row, and no time says that rows are close together."""
+    names, values = work.column_names, fill_gaps(work.sample.values)
+    positions = [k for k, name in enumerate(names) if name.signal == "q"]
+    clocks = {*find_clock_columns(values), *(k for k, name in enumerate(names) if name.signal == "t")} - set(positions)
+    periods = (CLOCK_FACTORS.get(names[k].unit or "s", 1.0) * float(np.median(np.diff(values[:, k]))) for k in clocks)
+    jump = len(positions) >= work.robot.n and are_poses(values[:, positions])
+    return jump and min(periods, default=np.inf) > LONGEST_PERIOD
 
 
 def guess_clock_of_poses(work: WorkingProposal) -> Clock | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from dynident.recordings.signal_spectra import SLOPE, correlate_slopes
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
-_SAME_FACTOR = 0.02
-"""Relative difference of the factors of velocities over slopes, which differ by noise and filters alone."""
+_SAME_FACTOR, _SAME_RISE = 0.02, 0.1
+"""Relative differences of the factors of velocities, and of most accelerations, over slopes: by noise and filters."""
 _NOISY, _FAR = 0.5, 3.0  # least correlation of accelerations with the velocities' slope, and ratio to that of torques
 _STILL = 0.01
 """Spread of a joint that stands, at most, as a share of the largest."""
@@ -28,6 +27,8 @@ _ALIKE = 0.99
 """Least correlation of a command with what follows it."""
 _GAP = 3.0
 """Ratio of the smoothest torque's roughness to the roughest position's, at least."""
+_MOST_BLOCKS = 16
+"""Signals of all joints in a file without names: twice those of a drive, measured and commanded. More are not tried."""
 MeasureUnexplained = Callable[[tuple[int, ...], tuple[int, ...]], float]
 """The unexplained share of the torque, of columns of positions and of efforts."""
 
@@ -58,11 +59,7 @@ class UnnamedColumns:
 
 
 def identify_unnamed_columns(
-    t: FloatArray,
-    values: FloatArray,
-    columns: Sequence[int],
-    n: int,
-    unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float],
+    t: FloatArray, values: FloatArray, columns: Sequence[int], n: int, unexplained: MeasureUnexplained
 ) -> UnnamedColumns | None:
     """Tell positions, velocities and torques of n joints apart.
 
@@ -94,7 +91,7 @@ def identify_unnamed_columns(
         # A torque may resemble a velocity by chance. So whole blocks of columns, with the median over the joints, are
         # preferred to single pairs.
         return _split_blocks(t, part, columns, n, np.median, unexplained) or by_slope
-    if len(columns) == 4 * n or (n > 1 and len(columns) > 4 * n and len(columns) % n == 0):
+    if len(columns) == 4 * n or (n > 1 and 4 * n < len(columns) <= _MOST_BLOCKS * n and len(columns) % n == 0):
         return _split_blocks(t, part, columns, n, np.median, unexplained)
     if len(columns) != 2 * n:
         return None
@@ -147,53 +144,59 @@ def _split_blocks(
     part: FloatArray,
     columns: Sequence[int],
     n: int,
-    of_joints: Callable[[FloatArray], float],
+    of_joints: Callable[..., FloatArray],
     unexplained: MeasureUnexplained,
 ) -> UnnamedColumns | None:
     """Find signals of all joints side by side, some of which stand still, by the slopes of the joints that move."""
-    correlation, _ = correlate_slopes(t, part)
-    best: tuple[float, list[list[int]], list[list[int]]] | None = None
-    for blocks in _list_layouts(n, len(columns) // n):
-        for first, second in permutations(blocks, 2):
-            rate = float(of_joints(correlation[first, second]))
-            rest = [block for block in blocks if block not in (first, second)]
-            rises = [float(of_joints(correlation[second, block])) for block in rest]
+    correlation, factor = correlate_slopes(t, part)
+    best: tuple[float, list[list[int]], list[int]] | None = None
+    for layout in _list_layouts(n, len(columns) // n):
+        joints = np.transpose(layout)
+        rates = of_joints(correlation[joints[:, :, None], joints[:, None, :]], axis=0)
+        np.fill_diagonal(rates, 0.0)
+        for first, second in np.argwhere(rates > SLOPE).tolist():
+            order = [k for k in np.argsort(-rates[second]).tolist() if k not in (first, second)]
             # Derived twice, accelerations are noisy: they are far more like the velocities' slope than the rest is.
-            top, *others = sorted(rises, reverse=True)
-            is_rise = len(rest) > 1 and (top > SLOPE or (top > _NOISY and top > _FAR * max(others)))
-            if rate > SLOPE and (best is None or rate + is_rise * top > best[0]):
-                rest = [block for block, rise in zip(rest, rises, strict=True) if not is_rise or rise < top]
-                best = rate + is_rise * top, [first, second], rest
+            top, *others = rates[second, order].tolist()
+            is_rise = bool(others) and (top > SLOPE or (top > _NOISY and top > _FAR * others[0]))
+            if best is None or rates[first, second] + is_rise * top > best[0]:
+                best = rates[first, second] + is_rise * top, layout, [first, second, *order[:is_rise]]
     if best is None:
         return None
-    (first, second), rest = best[1:]
+    _, places, (q, dq, *rise) = best
+    blocks = [tuple(columns[index] for index in place) for place in places]
+    rest = [k for k in range(len(blocks)) if k not in (q, dq)]
     # A command is much like what follows it: which of both was measured is asked, and velocities alike are one signal.
-    copies = [block for block in rest if len(rest) > 1 and _are_alike(part[:, block], part[:, first])]
-    rest = [
-        block
-        for block in rest
-        if block not in copies and (len(rest) == 1 or not _are_alike(part[:, block], part[:, second]))
-    ]
-    q, dq, *left = (tuple(columns[index] for index in block) for block in (first, second, *rest))
-    shares = [(block, unexplained(q, block)) for block in left if len(left) > 1]
-    efforts = [block for block, share in shares if share < _EXPLAINED] or left
-    positions = sorted([q, *(tuple(columns[index] for index in block) for block in copies)])
-    further: list[tuple[Signal, tuple[int, ...]]] = [("q", block) for block in positions[1:]]
-    further += [("effort", block) for block in efforts[1:]]
+    copies = [k for k in rest if len(rest) > 1 and _are_alike(part, places[k], places[q])]
+    left = [k for k in rest if k not in copies and not (len(rest) > 1 and _are_alike(part, places[k], places[dq]))]
+    # Accelerations are the slopes of velocities. Torques that resemble these differ by the inertias of the joints.
+    derived = [k for k in rise if _have_one_factor(factor[places[dq], places[k]])]
+    explained = [k for k in left if len(left) > 1 and unexplained(blocks[q], blocks[k]) < _EXPLAINED]
+    # Where the dynamics explain nothing else, what seems to be accelerations may be torques.
+    efforts = left if explained == derived else [k for k in explained or left if k not in derived]
+    positions = sorted([q, *copies])
+    further: list[tuple[Signal, tuple[int, ...]]] = [("q", blocks[k]) for k in positions[1:]]
+    further += [("effort", blocks[k]) for k in efforts[1:]]
     return UnnamedColumns(
-        positions[0],
-        dq,
-        efforts[0] if efforts else (),
+        blocks[positions[0]],
+        blocks[dq],
+        blocks[efforts[0]] if efforts else (),
         "for the joints that move, one block of columns is the derivative of another",
         tuple(further),
     )
 
 
-def _are_alike(block: FloatArray, other: FloatArray) -> bool:
-    """Tell whether most joints of two blocks (m, n) move alike: one is the command of the other, or its copy."""
-    spread = other.std(axis=0)
-    moving = np.flatnonzero((spread > _STILL * spread.max()) & (block.std(axis=0) > 0.0))
-    alike = [np.corrcoef(block[:, joint], other[:, joint])[0, 1] for joint in moving]
+def _have_one_factor(factors: FloatArray) -> bool:
+    """Tell whether most of the joints' factors are alike."""
+    middle = float(np.median(factors))
+    return float(np.median(np.abs(factors - middle))) <= _SAME_RISE * middle
+
+
+def _are_alike(part: FloatArray, block: list[int], other: list[int]) -> bool:
+    """Tell whether most joints of two blocks move alike: one is the command of the other, or its copy."""
+    spread = part.std(axis=0)
+    moving = [(k, to) for k, to in zip(block, other, strict=True) if spread[to] > _STILL * spread[other].max()]
+    alike = [np.corrcoef(part[:, k], part[:, to])[0, 1] for k, to in moving if spread[k] > 0.0]
     return bool(alike) and float(np.median(alike)) > _ALIKE
 
 
@@ -216,9 +219,7 @@ def _split_positions_and_rates(
     return None
 
 
-def _split_two_blocks(
-    columns: Sequence[int], n: int, unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float]
-) -> UnnamedColumns | None:
+def _split_two_blocks(columns: Sequence[int], n: int, unexplained: MeasureUnexplained) -> UnnamedColumns | None:
     """Find two signals of all joints side by side, by the order with which the dynamics explain the torque."""
     trials = []
     for blocks in _list_layouts(n, 2):

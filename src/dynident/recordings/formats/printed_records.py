@@ -37,9 +37,9 @@ _ENTRY = re.compile(r"^(?P<name>[A-Za-z_][\w./ ]{0,63}?)\s?:(?:\s+(?P<value>\S.*
 """A name, and behind the colon its value, if it does not stand in the lines below."""
 _COMMA = re.compile(r"^([A-Za-z_][\w./]{0,63})\s?,\s{0,9}(?=\[|[-+.\d][-+.\deE]{0,40}$)")
 """A name with a comma in place of the colon, before one number or a list: what `print(name, value, sep=",")` does."""
-_SPACED = re.compile(r"^([A-Za-z_]\w{0,63})[,;\s]{1,9}([-+.\d][-+.\deE]*(?:[,;\s]{1,9}[-+.\d][-+.\deE]*)+)[,;\s]{0,9}$")
-"""A name and at least two numbers, as where each signal of a sample is printed on a line of its own."""
-_BETWEEN = re.compile(r"[,;\s]+")
+_VALUE = r"(?:[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?|(?i:nan|-?inf))"
+_SPACED = re.compile(rf"^([A-Za-z_]\w{{0,63}})[,;\s]{{1,9}}({_VALUE}(?:[,;\s]{{1,9}}{_VALUE})*+)[,;\s]{{0,9}}$")
+"""A name and numbers, as where each signal of a sample is printed on a line of its own."""
 _NAME = re.compile(r"[A-Za-z_][\w.:]*")
 _SEPARATOR = "---"
 _ITEM = "- "
@@ -82,18 +82,26 @@ def _put_colon(line: str) -> str:
 
 
 def _put_brackets(line: str) -> str:
-    """Return a line of a name and numbers with a colon behind the name, and the numbers as a list; others unchanged."""
+    """Return a line of a name and numbers with a colon behind the name, and several as a list; others unchanged."""
     signal = _SPACED.match(line)
-    return line if signal is None else f"{signal[1]}: [{','.join(_BETWEEN.split(signal[2]))}]"
+    if signal is None:
+        return line
+    numbers = _BETWEEN.split(signal[2])
+    return f"{signal[1]}: [{','.join(numbers)}]" if len(numbers) > 1 else f"{signal[1]}: {numbers[0]}"
 
 
 def _come_in_turn(lines: Sequence[str]) -> bool:
     """Return whether signals stand on lines of their own, always in one order; other words say states of rows."""
-    signals = [signal[1] if (signal := _SPACED.match(line)) else "" for line in lines if line.strip()]
-    if not all(signals) or not 1 < len(set(signals)) < len(signals):
+    entries = [_ENTRY.match(_put_brackets(_put_colon(line))) for line in lines if line.strip()]
+    values = [None if entry is None else _parse_scalar(entry["value"] or "-") for entry in entries]
+    # One number is a signal's where others have several, such as the time.
+    if not any(isinstance(value, list) for value in values):
         return False
+    pairs = zip(entries, values, strict=True)
+    signals = [entry["name"] for entry, value in pairs if entry and isinstance(value, int | float | list)]
     period = len(set(signals))
-    return all(name == signals[k % period] for k, name in enumerate(signals))
+    in_order = all(name == signals[k % period] for k, name in enumerate(signals))
+    return len(signals) == len(entries) and 1 < period < len(signals) and in_order
 
 
 def _goes_on(text: str) -> bool:
@@ -359,7 +367,7 @@ def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
     """Yield the records of lines of names with values."""
     record: list[str] = []
     names: set[str] = set()
-    size = 0
+    first, size = "", 0
     joined = _join_brackets(_put_brackets(_put_colon(line)) for line in lines)
     for line in _find_items(joined) if kind == "items" else joined:
         line = line.rstrip()
@@ -369,14 +377,16 @@ def _rewrite_entries(lines: Iterator[str], kind: Kind) -> Iterator[str]:
         if begins:
             line = f"  {line[len(_ITEM) :]}"
         entry = _ENTRY.match(line)
-        # A record ends where a line says so, or where a name of its own comes again.
-        if begins or line == _SEPARATOR or (entry is not None and entry["name"] in names):
+        # A record ends where a line says so, where a name of its own comes again, or that of the first record's begin.
+        if begins or line == _SEPARATOR or (entry is not None and entry["name"] in {*names, first}):
             if record:
                 yield json.dumps(_parse_lines(record))
             record, names, size = [], set(), 0
         if line == _SEPARATOR:
+            first = ""
             continue
         if entry is not None:
+            first = first or entry["name"]
             names.add(entry["name"])
         record.append(line)
         size += len(line)
