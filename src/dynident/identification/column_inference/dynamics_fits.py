@@ -74,12 +74,12 @@ class DynamicsFits:
             Positions in any unit.
         """
         period = max(float(np.nanmedian(np.diff(self._t))), 1e-6) if len(self._t) > 1 else 1.0
-        step = min(max(1, int(0.1 / period)), len(self._t) - 1)
-        if step < 1:
-            return np.zeros(q.shape[1])
+        step = max(1, int(0.1 / period))
         change, elapsed = np.abs(q[step:] - q[:-step]), self._t[step:] - self._t[:-step]
-        elapsed[np.abs(elapsed / (step * period) - 1.0) > 0.5] = np.nan
-        return np.nan_to_num(np.nanpercentile(change / elapsed[:, None], 95.0, axis=0))
+        follows = np.abs(elapsed / (step * period) - 1.0) < 0.5
+        # With a row at rest, as there may be no other.
+        speeds = np.vstack([np.zeros(q.shape[1]), change[follows] / elapsed[follows, None]])
+        return np.nan_to_num(np.nanpercentile(speeds, 95.0, axis=0))
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         """Return the sample as a recording; None where it is too short.
