@@ -79,7 +79,7 @@ class DynamicsFits:
         follows = np.abs(elapsed / (step * period) - 1.0) < 0.5
         # With a row at rest, as there may be no other.
         speeds = np.vstack([np.zeros(q.shape[1]), change[follows] / elapsed[follows, None]])
-        return np.nan_to_num(np.nanpercentile(speeds, 95.0, axis=0))
+        return np.asarray(np.nan_to_num(np.nanpercentile(speeds, 95.0, axis=0)))
 
     def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         """Return the sample as a recording; None where it is too short.
