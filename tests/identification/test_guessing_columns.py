@@ -507,6 +507,16 @@ def test_a_pendulum_is_as_long_as_its_link_and_may_turn_over(largest: float, tur
     assert found.units.get("q") is None
 
 
+def test_times_that_begin_anew_are_no_speed() -> None:
+    robot = draw_pendulum(0.7, 0.45)
+    t = np.tile(np.arange(0.0, 3.0, 0.01), 8)
+    q = np.pi * 2.6 * np.sin(2.0 * np.pi * 0.3 * t + np.repeat(np.arange(8.0), 300))
+    tau = 4.0 * np.sin(q) + np.random.default_rng(3).normal(0.0, 0.05, len(t))
+    found = guess(robot, {"time": t, "position": q, "torque": tau})
+    assert found.units.get("q") is None
+    assert "units/q" not in [question.field for question in found.questions]
+
+
 def test_noisy_accelerations_are_told_from_torques_at_any_rate() -> None:
     for rate in (25.0, 100.0):
         q, dq, ddq = swing(rate, 1.0)

@@ -249,10 +249,10 @@ def test_a_joint_without_limits_turns_as_often_as_it_likes_at_a_speed_it_can_rea
     turns = lambda velocity: tuple(JointLimits(velocity=velocity) for _ in JOINTS)  # noqa: E731
     assert np.ptp(columns["q1"]) > 12.0 * np.pi
     assert refused(tmp_path, columns, limits=turns(1.0)).title == "Position unit"
-    assert found(tmp_path, columns, "position_unit", limits=turns(9.0)).status == "ok"
-    # Nothing but a speed tells: without a limit a warning, which corrects nothing.
-    check = found(tmp_path, columns, "position_unit", limits=turns(None))
-    assert (check.status, check.column, check.apply) == ("warning", "q1", None)
+    # Nothing but an impossible speed tells: otherwise a warning, which corrects nothing.
+    for velocity in (None, 9.0):
+        check = found(tmp_path, columns, "position_unit", limits=turns(velocity))
+        assert (check.status, check.column, check.apply) == ("warning", "q1", None)
 
 
 def test_positions_beyond_the_limits_are_a_warning(tmp_path):

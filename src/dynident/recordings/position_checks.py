@@ -303,12 +303,12 @@ def _check_position_unit(
                 None if counts or unclear else Revision(units=same_kind),
                 remedies=(remedy,),
             )
-        is_unlimited = limit.velocity is None and joint not in roaming and is_far_without_limits(limit, low, high)
+        is_unlimited = joint not in roaming and is_far_without_limits(limit, low, high)
         if is_unlimited and doubtful is None:
             remedy = Remedy("units", {_name_unit(joint, layout, recording): unit})
             detail = (
-                f"{column} runs from {low:.4g} to {high:.4g} {ours}, and the description limits neither the position "
-                f"nor the speed of {recording.joint_names[joint]}. If the values are in {unit}, state {remedy}."
+                f"{column} runs from {low:.4g} to {high:.4g} {ours}, and the description does not limit the position "
+                f"of {recording.joint_names[joint]}. If the values are in {unit}, state {remedy}."
             )
             doubtful = Check("position_unit", "warning", detail, column, *where, remedies=(remedy,))
         if limit.position is not None and doubtful is None:

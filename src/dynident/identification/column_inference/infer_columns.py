@@ -218,9 +218,9 @@ class _ColumnInference(WorkingProposal):
         return min((share for share in shares if share is not None), default=1.0)
 
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
-        # Beside motors' angles, theta, joints' are plainly called q.
+        # Where there are others, theta is the angle of the motor.
         known = self._list_groups(groups, None, "q")
-        candidates = sorted(known, key=lambda group: (group.rank, "q" not in group.named.words))
+        candidates = sorted(known, key=lambda group: (group.rank, "theta" in group.named.words))
         if not candidates:
             if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
@@ -230,8 +230,8 @@ class _ColumnInference(WorkingProposal):
             self.add_question("columns/q", detail, self.sample.names)
             return None
         equal = [group for group in candidates if group.rank == candidates[0].rank]
-        plain = find_plainest_group(equal)
-        candidates = equal = select_axes_in_use([plain] if plain else equal, self.values)
+        plainest = find_plainest_group(equal)
+        candidates = equal = select_axes_in_use([plainest] if plainest else equal, self.values)
         if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
             self.add_question("columns/q", "Several sets of columns could be the measured positions: which one?", names)

@@ -43,8 +43,8 @@ _UNITS, _LENGTHS, _INERTIAS = "description_units", "description_lengths", "descr
 DESCRIPTION_CHECKS = (_UNITS, _LENGTHS, _INERTIAS)
 """Checks of the description by itself, which tell nothing of a recording."""
 
-_LONGEST_ARM = 10.0
-"""m between the joints of a fixed arm in line: the largest of industry have 5."""
+_LONGEST_ARM = 30.0
+"""m between the joints of a fixed arm in line: the largest of industry have 5, cranes and gantries up to some 20."""
 
 
 def check_description(robot: Robot, units: DescriptionUnits | None) -> tuple[Check, ...]:

@@ -481,7 +481,8 @@ def _describe_cure(fault: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> 
 def _describe_exchange(fault: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
     names = [recording.joint_names[joint] for joint in fault.joints]
     if fault.sources:
-        kind, columns = ("torques", tau) if fault.kind == "torques swapped" else ("positions", q)
+        kind = {"torques swapped": "torques", "positions swapped": "positions"}.get(fault.kind, "positions and torques")
+        columns = tau if fault.kind == "torques swapped" else q
         elsewhere = ", ".join(f"{name} in {columns[source]}" for name, source in zip(names, fault.sources, strict=True))
         return f"the {kind} of several joints are in another order ({elsewhere})"
     first, second = (", ".join(side) for side in (names[::2], names[1::2]))
