@@ -377,6 +377,16 @@ def test_a_torque_that_is_zero_below_a_threshold_has_a_dead_zone(tmp_path, share
     assert sum(len(rows[1].starts) for rows in find_phases(recording).clipped) > 0.0
 
 
+def test_a_torque_that_saturates_does_so_beside_a_dead_zone(tmp_path):
+    columns = motion()
+    tau = columns["tau2"] - np.median(columns["tau2"])
+    top = np.quantile(np.abs(tau), 0.85)
+    columns["tau2"] = np.where(np.abs(tau) < 0.1 * top, 0.0, np.clip(tau, -top, top))
+    assert found(tmp_path, columns, "saturation").column == "tau2"
+    recording, _ = given(tmp_path, columns)
+    assert recording.torque_ranges[1] == pytest.approx((-top, top))
+
+
 def test_a_drive_that_is_switched_has_no_dead_zone(tmp_path):
     columns = motion()
     t, tau = columns["t"], columns["tau2"]

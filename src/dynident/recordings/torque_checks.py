@@ -141,14 +141,14 @@ def find_torque_ranges(
     Returns
     -------
     n pairs (low, high)
-        As a recording has them (`Recording.torque_ranges`); empty if there is none.
+        As a recording has them (`Recording.torque_ranges`), a dead zone if nothing saturates; empty if there is none.
     """
     run, ranges = max(RUN, round(SHORTEST / period)), [(-np.inf, np.inf)] * layout.n_base
     for joint in range(layout.n_base, sample.tau.shape[1]):
         tau, q = sample.tau[sample.used, joint], sample.q[sample.used, joint]
         low, high = (_find_upper_end(sign * tau, q, limits[joint].effort, run) for sign in (-1.0, 1.0))
         zone = find_dead_zone(tau, q)
-        ranges.append((zone, -zone) if zone else (-low, high))
+        ranges.append((zone, -zone) if zone and not any(zone <= end < np.inf for end in (low, high)) else (-low, high))
     return tuple(ranges) if np.isfinite(ranges).any() else ()
 
 
