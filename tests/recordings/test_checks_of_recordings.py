@@ -377,11 +377,28 @@ def test_a_torque_that_is_zero_below_a_threshold_has_a_dead_zone(tmp_path, share
     assert sum(len(rows[1].starts) for rows in find_phases(recording).clipped) > 0.0
 
 
+def test_a_torque_that_saturates_does_so_beside_a_dead_zone(tmp_path):
+    columns = motion()
+    tau = columns["tau2"] - np.median(columns["tau2"])
+    top = np.quantile(np.abs(tau), 0.85)
+    columns["tau2"] = np.where(np.abs(tau) < 0.1 * top, 0.0, np.clip(tau, -top, top))
+    assert found(tmp_path, columns, "saturation").column == "tau2"
+    recording, _ = given(tmp_path, columns)
+    assert recording.torque_ranges[1] == pytest.approx((-top, top))
+    # On one side: its end at 0 is that of the dead zone.
+    columns["tau2"] = np.minimum(columns["tau2"], 0.0)
+    recording, _ = given(tmp_path, columns)
+    assert recording.torque_ranges[1] == pytest.approx((-top, np.inf))
+
+
 def test_a_drive_that_is_switched_has_no_dead_zone(tmp_path):
     columns = motion()
     t, tau = columns["t"], columns["tau2"]
     steps = np.where(t % 2.0 < 0.7, 0.0, np.ptp(tau) * np.sign(np.sin(3.0 * t)) + 0.01 * tau)
-    for values in (np.where(t % 2.0 < 0.5, 0.0, tau + np.ptp(tau)), steps, np.rint(3.0 * tau / np.ptp(tau))):
+    # Steps times a supply or a lever that varies are as many sizes.
+    coarse = np.rint(20.0 * (tau - np.median(tau)) / np.ptp(tau))
+    varied = coarse * (1.0 - 0.002 * t), coarse * (1.0 + 0.15 * np.sin(0.7 * t))
+    for values in (np.where(t % 2.0 < 0.5, 0.0, tau + np.ptp(tau)), steps, np.rint(3.0 * tau / np.ptp(tau)), *varied):
         assert not find_dead_zone(values, columns["q2"])
 
 

@@ -19,6 +19,7 @@ from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.column_inference.unit_inference import get_factor
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.recordings.formats import open_source
+from dynident.recordings.time_columns import pad_fractions
 from dynident.recordings.units import FACTORS
 from dynident.robot import Robot, robot_from_urdf
 
@@ -178,6 +179,17 @@ def test_zeros_behind_the_point_of_a_time_are_put_back(tmp_path, rate, start, di
     assert len(item.recording.segments) == 1
     assert 1.0 / item.recording.period == pytest.approx(rate, rel=1e-4)
     assert "lost the zeros" in next(check.detail for check in item.checks if check.status == "warning")
+
+
+def test_zeros_behind_the_point_are_put_back_around_missing_times():
+    t = 0.95 + 0.01 * np.arange(300)
+    ticks = [round(1e9 * own) for own in t.tolist()]
+    lost = np.array([float(f"{tick // 10**9}.{tick % 10**9}") for tick in ticks])
+    for rows in ([0], [0, 1], [1], [149, 150], [299]):
+        for missing in (np.nan, np.inf):
+            given, right = lost.copy(), t.copy()
+            given[rows] = right[rows] = missing
+            np.testing.assert_allclose(pad_fractions(given, 0.01), right)
 
 
 def check_signals(signals: tuple[np.ndarray, ...], run: Recorded, layout: str) -> None:

@@ -90,6 +90,21 @@ def test_whole_numbers_that_are_no_registers_are_left_alone(size: float, offset:
     assert find_register(counts, np.ones(len(counts) - 1, dtype=bool)) is None
 
 
+@pytest.mark.parametrize(("level", "ripple"), [(135.0, 5.0), (180.0, 30.0), (300.0, 30.0)])
+@pytest.mark.parametrize("step", [1.0, 0.1, 3.1])
+def test_a_drive_that_is_off_between_moves_is_no_register(level: float, ripple: float, step: float) -> None:
+    t = np.arange(6000) * 0.01
+    counts = np.rint(level + ripple * np.sin(2.0 * t) + np.random.default_rng(0).standard_normal(len(t)))
+    torque = np.where(t % 4.0 < 2.4, counts * step, 0.0)[:, None]
+    assert find_register(torque, np.ones(len(t) - 1, dtype=bool)) is None
+
+
+def test_a_register_that_passes_zero_slowly_is_found() -> None:
+    counts = np.rint(100.0 * np.sin(0.2 * np.arange(6000) * 0.01))[:, None]
+    for kind, bit in (("sign bit", 7), ("complement", 15)):
+        assert find_register(unsigned(counts, bit, kind), np.ones(len(counts) - 1, dtype=bool)) is not None
+
+
 def test_single_corrupted_samples_make_no_register() -> None:
     tau = log().tau
     counts = np.abs(np.rint(300 * tau / np.abs(tau).max(axis=0)))

@@ -112,8 +112,8 @@ def _report_dead_zones(
         return []
     detail = (
         f"{', '.join(parts)} {'is' if len(parts) == 1 else 'are'} exactly 0 where torque is small: a dead zone of the "
-        "driver, or of the log. These rows are left out of the joint's equation and of its errors. Record the torque "
-        "as it is measured, without a threshold."
+        "driver, of the log, or of the controller. These rows are left out of the joint's equation and of its errors. "
+        "Record the torque as it is measured, without a threshold."
     )
     return [Check("dead_zone", "warning", detail, next(iter(columns.values())))]
 

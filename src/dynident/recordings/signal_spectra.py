@@ -182,10 +182,11 @@ def find_step(values: FloatArray) -> float:
     return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
 
 
-_FEWEST_LEVELS, _FEWEST_PASSES, _BESIDE, _FAR = 10, 6, 2.0, 1.5
+_FEWEST_LEVELS, _FEWEST_PASSES, _BESIDE, _FAR, _WITHIN, _WIDEST = 10, 6, 2.0, 1.5, 3.0, 0.25
 """Values between a threshold and twice it, without which it may be a step of the signal; passes to or from 0; the
-threshold's multiple that half of the values beside zeros stay below, unlike where a drive is switched; and the one that
-the largest tenth of all exceeds, unlike steps of one size."""
+threshold's multiple that half of the values beside zeros stay below, unlike where a drive is switched; the one that the
+largest tenth of all exceeds, unlike steps of one size; and the one up to which sizes leave no gap wider than a share of
+the threshold, unlike steps times a factor that varies."""
 
 
 def find_dead_zone(tau: FloatArray, q: FloatArray) -> float:
@@ -201,11 +202,13 @@ def find_dead_zone(tau: FloatArray, q: FloatArray) -> float:
         return 0.0
     threshold = float(size[~zero].min())
     near = size[(size >= threshold) & (size < 2.0 * threshold)]
+    gaps = np.diff(np.sort(size[(size >= threshold) & (size <= _WITHIN * threshold)]))
     edges = np.flatnonzero(np.diff(zero))
     beside = np.maximum(size[edges], size[edges + 1])
     speed = np.abs(np.gradient(q))
     is_zone = (
         len(np.unique(near)) >= _FEWEST_LEVELS
+        and gaps.max() <= _WIDEST * threshold
         and len(edges) >= _FEWEST_PASSES
         and np.median(beside) < _BESIDE * threshold
         and np.quantile(size[~zero], 0.9) > _FAR * threshold

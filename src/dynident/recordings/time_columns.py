@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -296,7 +295,8 @@ class PaddedFractionSource(FileSource):
             values = {name: batch.column(name) for name in columns}
             if self._name in columns and batch.num_rows:
                 t = pad_fractions(to_float_column(batch, self._name, first_row), self._period, before)
-                before, values[self._name] = float(t[-1]), from_numbers(t)
+                values[self._name] = from_numbers(t)
+                before = float(np.append(before, t[np.isfinite(t)])[-1])
             yield pa.RecordBatch.from_arrays([values[name] for name in columns], names=columns)
             first_row += batch.num_rows
 
@@ -315,14 +315,17 @@ def pad_fractions(t: FloatArray, period: float, before: float = np.nan) -> Float
     period : float
         Their usual step, s.
     before : float
-        The time before them; nan where they begin.
+        The last finite time before them; nan where they begin.
     """
-    padded = t.copy()
-    for row, (whole, part) in enumerate(zip(np.floor(t).tolist(), np.mod(t, 1.0).tolist(), strict=True)):
+    padded, is_finite = t.copy(), np.isfinite(t)
+    known = np.where(is_finite, t, 0.0)
+    for row, (whole, part) in enumerate(zip(np.floor(known).tolist(), np.mod(known, 1.0).tolist(), strict=True)):
+        if not is_finite[row]:
+            continue
         stamps = [whole + part / 10.0**zeros for zeros in range(_DIGITS)]
-        if np.isnan(before) and row + 1 < len(t):
+        if np.isnan(before) and is_finite[row + 1 : row + 2].any():
             # Which of them the first is, its distance from the next tells.
-            later, rest = math.floor(t[row + 1]), float(t[row + 1] % 1.0)
+            later, rest = float(np.floor(t[row + 1])), float(t[row + 1] % 1.0)
             ahead = [later + rest / 10.0**zeros - period for zeros in range(_DIGITS)]
             before = min(stamps, key=lambda own: min(abs(own - stamp) for stamp in ahead)) - period
         stamp = min(

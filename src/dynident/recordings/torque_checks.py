@@ -141,14 +141,15 @@ def find_torque_ranges(
     Returns
     -------
     n pairs (low, high)
-        As a recording has them (`Recording.torque_ranges`); empty if there is none.
+        As a recording has them (`Recording.torque_ranges`), a dead zone if nothing saturates; empty if there is none.
     """
     run, ranges = max(RUN, round(SHORTEST / period)), [(-np.inf, np.inf)] * layout.n_base
     for joint in range(layout.n_base, sample.tau.shape[1]):
         tau, q = sample.tau[sample.used, joint], sample.q[sample.used, joint]
-        low, high = (_find_upper_end(sign * tau, q, limits[joint].effort, run) for sign in (-1.0, 1.0))
         zone = find_dead_zone(tau, q)
-        ranges.append((zone, -zone) if zone else (-low, high))
+        ends = (_find_upper_end(sign * tau, q, limits[joint].effort, run) for sign in (-1.0, 1.0))
+        low, high = (end if abs(end) >= zone else np.inf for end in ends)
+        ranges.append((zone, -zone) if zone and min(low, high) == np.inf else (-low, high))
     return tuple(ranges) if np.isfinite(ranges).any() else ()
 
 
@@ -267,8 +268,7 @@ _FEW_LEVELS = 4
 def _is_plateau(tau: FloatArray, start: int, end: int, level: float, resolution: float) -> bool:
     """Tell whether a run at an extreme is no constant torque, nor a rounded peak, as wide again one digit below."""
     length, deep = end - start, tau[start:end].max() - level
-    # Around a plateau the signal changes within a few rows, by more than noise in its last digit; where it does not,
-    # torque is constant there, not cut off.
+    # Around a plateau the signal changes within a few rows, by more than its last digit's noise; a constant does not.
     sides = (tau[max(0, start - 20) : start], tau[end : end + 20])
     changes = np.concatenate([np.abs(side[RUN:] - side[:-RUN]) > 1.5 * resolution for side in sides])
     if np.count_nonzero(changes) <= 0.5 * len(changes):

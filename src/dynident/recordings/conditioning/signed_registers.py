@@ -22,6 +22,9 @@ _SMOOTH = 0.1
 """Share of the times that a signal passes the sign's place at which it may do so without a jump: one that is no
 register passes any place so."""
 
+_POSITIVE = 0.1
+"""Share of the numbers other than 0 that are below the sign's place where both signs occur."""
+
 BITS, WIDE_BITS = range(7, 32), (15, 31)
 """Bits that signs of torques stand in, of registers of 8 to 32 bits; and of positions, since one that wraps after a
 turn, as those of absolute encoders do, is none whose sign was not read."""
@@ -120,8 +123,15 @@ def _find_count(raw: FloatArray) -> float:
 
 
 def _count_jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
-    """Return the number of changes from row to row by more than half of what a register holds."""
-    return int(np.count_nonzero(np.abs(np.diff(values, axis=0)[together]) > 0.5 * 2.0**bit))
+    """Return the number of changes from row to row by more than half of what a register holds.
+
+    Those to and from 0 count only in columns that hold positive numbers of a register as well: a drive that is switched
+    off between its moves jumps there, too.
+    """
+    works = values != 0.0
+    has_positive = ((values > 0.0) & (values < 2.0**bit)).sum(axis=0) > _POSITIVE * works.sum(axis=0)
+    jumps = (np.abs(np.diff(values, axis=0)) > 0.5 * 2.0**bit) & (has_positive | (works[1:] & works[:-1]))
+    return int(np.count_nonzero(jumps[together]))
 
 
 class SignedRegisters:
