@@ -125,7 +125,7 @@ def test_balance_friction_and_torque_of_the_legs_are_those_of_a_free_flyer() -> 
     distances = [compute_pressure_distance(wrench, points, normal) for wrench in wrenches]
     # The design looks at ten times as many samples.
     reached = find_margin(design, "balance").value
-    assert 0.01 <= reached <= min(distances) < reached + 5e-4
+    assert 0.01 <= reached <= min(distances) + 1e-12 < reached + 5e-4
     largest = np.max(torques, axis=0)
     for name in ("left_hip", "right_hip"):
         margin = next(row for row in design.margins if (row.joint, row.limit) == (name, "torque"))
@@ -432,11 +432,15 @@ def test_a_humanoid_in_mujoco_stands_while_its_arms_and_waist_move() -> None:
     robot = dy.load_robot("g1")
     feet = ("left_ankle_roll_link", "right_ankle_roll_link")
     request = DesignRequest(
-        trajectory=TrajectoryRequest(duration=5.0, periods=1), standing=Standing(feet), starts=1, random_trajectories=10
+        # The servos give a little: with a margin of 0.01 m some of these motions tip the robot over.
+        trajectory=TrajectoryRequest(duration=5.0, periods=1),
+        standing=Standing(feet, margin=0.02),
+        starts=1,
+        random_trajectories=10,
     )
     design = design_experiment(robot, request)
     assert len(design.request.trajectory.joints) == 17
-    assert find_margin(design, "balance").value >= 0.01
+    assert find_margin(design, "balance").value >= 0.02
     soles = np.array([[-0.05, 0.025, -0.03], [-0.05, -0.025, -0.03], [0.12, 0.03, -0.03], [0.12, -0.03, -0.03]])
     model = build_engine(robot.description.content, dict.fromkeys(feet, soles), 0.005, robot.joint_names)
     data = mujoco.MjData(model)

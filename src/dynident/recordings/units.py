@@ -10,10 +10,9 @@ from typing import Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from dynident.array_types import FloatArray
-from dynident.recordings.arrow_tables import from_numbers, to_floats
+from dynident.recordings.arrow_tables import from_numbers, pc, to_floats
 from dynident.recordings.recording import JointKind
 from dynident.recordings.recording_metadata import RecordingError, Status
 
