@@ -246,7 +246,10 @@ def test_degrees_taken_for_radians_are_refused(tmp_path, limits):
 
 def test_a_joint_without_limits_turns_as_often_as_it_likes_at_a_speed_it_can_reach(tmp_path):
     columns = changed("q1", lambda q: q + 5.0 * motion()["t"])
-    turns = lambda velocity: tuple(JointLimits(velocity=velocity) for _ in JOINTS)  # noqa: E731
+
+    def turns(velocity):
+        return tuple(JointLimits(velocity=velocity) for _ in JOINTS)
+
     assert np.ptp(columns["q1"]) > 12.0 * np.pi
     assert refused(tmp_path, columns, limits=turns(1.0)).title == "Position unit"
     # Nothing but an impossible speed tells: otherwise a warning, which corrects nothing.

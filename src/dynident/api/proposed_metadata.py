@@ -256,7 +256,7 @@ def word_question(question: Question, write: Writer = write_argument) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ProposalReader:
-    """Proposes metadata for files of one robot; what one of them leaves open, another with the same columns answers.
+    """Proposes metadata for files of one robot; what one leaves open, an earlier one with the same columns answers.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ class ProposalReader:
         return self.accepted[index]
 
     def propose_all(self) -> list[RecordingMetadata]:
-        """Return the metadata of all files: what one leaves open, a later one may answer."""
+        """Return the metadata of all files: what one leaves open, a later one may answer, too."""
         sure = [self._propose_if_sure(index) for index in range(len(self.files))]
         for index, known in enumerate(sure):
             if known is None:
