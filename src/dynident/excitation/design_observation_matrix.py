@@ -137,7 +137,7 @@ def lock_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> De
         The moving joints determine none of the parameters.
     """
     # Which parameters show is found numerically, from random states of the moving joints.
-    w = _sample_observation(model, posture, moving)
+    w = model.sample_observation(posture, moving)
     names = [column.name for column in model.columns]
     visible = select_base(
         w[:, moving, : model.n_chosen].reshape(-1, model.n_chosen), tuple(names[: model.n_chosen])
@@ -169,34 +169,6 @@ def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
         f"Locked at home: {join_names(still)}. W contains the equations of the moving joints, and the parameters "
         "that these equations determine."
     )
-
-
-def _sample_observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> FloatArray:
-    """Return W (m, n, c) of all columns at random states of the moving joints."""
-    # A fixed seed: the same robot has the same base parameters in every run.
-    rng = np.random.default_rng(0)
-    robot = model.robot
-    m = _STATES_PER_COLUMN * len(model.columns) + 20
-    low = [-np.pi if joint.kind == "revolute" else (joint.reach or (-1.0, 1.0))[0] for joint in robot.joints]
-    high = [np.pi if joint.kind == "revolute" else (joint.reach or (-1.0, 1.0))[1] for joint in robot.joints]
-    q = np.where(moving, rng.uniform(low, high, (m, robot.n)), posture)
-    largest = np.array([_VELOCITY, _ACCELERATION, _JERK, _SNAP])[:, None, None]
-    dq, ddq, dddq, ddddq = moving * largest * rng.uniform(-1, 1, (4, m, robot.n))
-    # Some states at rest: what depends on position alone must not hide behind large accelerations.
-    dq[::4] *= 0.05
-    ddq[::4] = 0.0
-    observation = Observation.from_columns(robot, model.columns, model.signals)
-    entries = observation.evaluate(
-        q,
-        dq,
-        ddq,
-        reference=model.reference,
-        memory=rng.uniform(-1, 1, (m, observation.n_memory)),
-        further=FurtherSignals(dddq=dddq, ddddq=ddddq, period=JUMP_TIME),
-    )
-    w = np.zeros((m, robot.n, len(model.columns)))
-    w[:, observation.entry_rows, observation.entry_columns] = entries
-    return w
 
 
 # Inertial parameters of a link where a load torque is needed and the description gives none: 3 kg, 10 cm off.
@@ -372,6 +344,33 @@ class DesignModel:
             runs=runs,
         )
 
+    def sample_observation(self, posture: FloatArray, moving: BoolArray) -> FloatArray:
+        """Return W (m, n, c) of all columns at random states of the moving joints."""
+        # A fixed seed: the same robot has the same base parameters in every run.
+        rng = np.random.default_rng(0)
+        robot = self.robot
+        m = _STATES_PER_COLUMN * len(self.columns) + 20
+        low = [-np.pi if joint.kind == "revolute" else (joint.reach or (-1.0, 1.0))[0] for joint in robot.joints]
+        high = [np.pi if joint.kind == "revolute" else (joint.reach or (-1.0, 1.0))[1] for joint in robot.joints]
+        q = np.where(moving, rng.uniform(low, high, (m, robot.n)), posture)
+        largest = np.array([_VELOCITY, _ACCELERATION, _JERK, _SNAP])[:, None, None]
+        dq, ddq, dddq, ddddq = moving * largest * rng.uniform(-1, 1, (4, m, robot.n))
+        # Some states at rest: what depends on position alone must not hide behind large accelerations.
+        dq[::4] *= 0.05
+        ddq[::4] = 0.0
+        observation = Observation.from_columns(robot, self.columns, self.signals)
+        entries = observation.evaluate(
+            q,
+            dq,
+            ddq,
+            reference=self.reference,
+            memory=rng.uniform(-1, 1, (m, observation.n_memory)),
+            further=FurtherSignals(dddq=dddq, ddddq=ddddq, period=JUMP_TIME),
+        )
+        w = np.zeros((m, robot.n, len(self.columns)))
+        w[:, observation.entry_rows, observation.entry_columns] = entries
+        return w
+
     @cached_property
     def _torque_program(self) -> Program:
         signals, inertias = self.signals, self.robot.inertias
@@ -406,6 +405,7 @@ def build_design_model(
     reference: ReferenceParameters | None = None,
     other_runs: bool = False,
     expected: ExpectedTorque | None = None,
+    has_jerk: bool = True,
 ) -> DesignModel:
     """Set up the observation matrix of a design.
 
@@ -427,6 +427,8 @@ def build_design_model(
         Whether there are earlier runs.
     expected : ExpectedTorque, optional
         Torque by an identified model.
+    has_jerk : bool
+        Whether derivatives of the acceleration are known.
 
     Returns
     -------
@@ -440,7 +442,7 @@ def build_design_model(
     """
     signals = signals or Signals(robot)
     candidates = build_columns(effects, signals)
-    known_symbols = _list_trajectory_symbols(signals, other_runs=other_runs)
+    known_symbols = _list_trajectory_symbols(signals, other_runs, has_jerk)
     chosen = [column for column in candidates if _list_symbol_names(column.torque) <= known_symbols]
     notes = []
     if len(chosen) < len(candidates):
@@ -486,9 +488,9 @@ def build_design_model(
     )
 
 
-def _list_trajectory_symbols(signals: Signals, *, other_runs: bool) -> set[str]:
+def _list_trajectory_symbols(signals: Signals, other_runs: bool, has_jerk: bool) -> set[str]:
     """Return the names of the symbols that a designed trajectory has values for."""
-    motion = (signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq)
+    motion = (signals.q, signals.dq, signals.ddq, *((signals.dddq, signals.ddddq) if has_jerk else ()))
     known = ca.vertcat(*motion, signals.reference, signals.period, signals.memory_symbols)
     return _list_symbol_names(ca.vertcat(known, signals.run_symbols) if other_runs else known)
 

@@ -55,7 +55,8 @@ def find_nearest_along(
     Returns
     -------
     tuple of Nearest
-        For each body, what it is nearest to; empty where nothing is kept clear of.
+        For each body, what it is nearest to; empty where nothing is kept clear of, and where the trunk sways, as the
+        joints alone do not say where it is.
 
     Raises
     ------
@@ -64,6 +65,8 @@ def find_nearest_along(
     """
     around = replace(request.surroundings, mesh_folders=tuple(map(str, mesh_folders)))
     robot, request, balance = stand_on_feet(robot, replace(request, surroundings=around))
+    if balance is not None and balance.sway is not None:
+        return ()
     space = build_bounds(
         robot,
         request.limits,

@@ -42,6 +42,7 @@ from dynident.excitation.experiments.single_joint_motions import (
 )
 from dynident.excitation.optimisation.design_problem import Budget, count_period_samples
 from dynident.excitation.standing_feet import stand_on_feet
+from dynident.excitation.swaying_trunk import Sway, build_swaying_model
 from dynident.motion.collision.obstacle_geometry import ASSUMED_HEIGHT, check_surroundings, note_reach
 from dynident.motion.collision_free_paths import check_home, list_home_candidates
 from dynident.motion.joint_trajectories import MOST_SAMPLES, Motion, PeriodicMotion, concatenate_motions, sample_pieces
@@ -101,6 +102,40 @@ def _check_set(request: DesignRequest) -> None:
             "a set of test motions determines which joints move in each motion; leave joints out",
             pointer="/trajectory/joints",
         )
+
+
+def _check_sway(request: DesignRequest, *, is_simple: bool) -> None:
+    """Raise where a trunk that sways is asked for what only legs that are held can do.
+
+    `is_simple` says that there are no earlier recordings, no identified model, and no region.
+    """
+    periodic = request.kind not in (*JOINT_BY_JOINT, "sequential") and request.trajectory.family != "point_to_point"
+    if not periodic or request.model != "dynamic" or len(request.trajectory.paces) > 1:
+        raise DynidentError(
+            "the trunk sways only in periodic motions of all joints at one pace, for the dynamic model; choose these, "
+            "or leave sway out",
+            pointer="/standing/sway",
+        )
+    if not is_simple or request.criterion.name == "prediction":
+        raise DynidentError(
+            "a design in which the trunk sways takes neither earlier recordings nor an identified model into account, "
+            "and its criterion cannot be the prediction of torque; leave these out, or leave sway out",
+            pointer="/standing/sway",
+        )
+
+
+def _convert_request(request: DesignRequest, sway: Sway) -> DesignRequest:
+    """Return a request for the driven joints of a robot that sways from one for its joints."""
+    tree, stated = sway.linkage.tree, request.trajectory.joints
+    legs = {tree.joint_names[j] for j in sway.linkage.passive}
+    joints = (*sway.robot.joint_names[: tree.n_base], *stated) if stated else ()
+    return replace(
+        request,
+        home=tuple(sway.home.tolist()),
+        trajectory=replace(request.trajectory, joints=joints),
+        # The equations of the legs are mixed with those of the base, and so is their noise.
+        noise={name: value for name, value in request.noise.items() if name not in legs},
+    )
 
 
 def _check_dwell(request: DesignRequest) -> None:
@@ -191,11 +226,16 @@ def design_experiment(
     budget = Budget(request.starts_or_default, request.time_budget)
     progress = make_monotonic(progress)
     check_request(request)
-    robot, request, balance = stand_on_feet(robot, request)
+    robot, stated, balance = stand_on_feet(robot, request)
+    sway, machine, request = None if balance is None else balance.sway, robot, stated
+    if sway is not None:
+        _check_sway(stated, is_simple=not earlier and identified is None and region is None)
+        # What moves are the trunk and the joints that are in no leg.
+        machine, request = sway.robot, _convert_request(stated, sway)
     has_loads = any(choice.runs for choice in request.effects_or_default)
     expected = None if identified is None else ExpectedTorque(robot, identified, has_loads)
     limits = build_bounds(
-        robot,
+        machine,
         request.limits,
         torque_margin=request.torque_margin,
         surroundings=request.surroundings,
@@ -204,20 +244,19 @@ def design_experiment(
     )
     if request.home is not None:
         check_home(request.home, limits)
-    model = build_design_model(
-        robot,
-        add_rivals(request.effects_or_default, request.criterion),
-        other_runs=bool(earlier),
-        expected=expected,
-    )
+    effects = add_rivals(request.effects_or_default, request.criterion)
+    if sway is None:
+        model = build_design_model(robot, effects, other_runs=bool(earlier), expected=expected)
+    else:
+        model = build_swaying_model(sway, effects, limits)
     # Designed for limits slightly inside the true ones, the verification does not fail by rounding.
     bounds, notes = limits.tighten(), list[str]()
-    if request.trajectory.joints and request.kind not in JOINT_BY_JOINT:
+    if (request.trajectory.joints and request.kind not in JOINT_BY_JOINT) or sway is not None:
         # Locked joints stay at home, so home has to be known before the model of the moving joints.
         home = list_home_candidates(request.home, bounds, model)[0]
-        moving = select_moving_joints(request.trajectory.joints, robot.joint_names)
+        moving = select_moving_joints(request.trajectory.joints, machine.joint_names)
         model, bounds = lock_model(model, home, moving), lock_bounds(bounds, home, moving)
-        notes.append(note_locked_joints(robot.joint_names, moving))
+        notes += [] if moving.all() else [note_locked_joints(machine.joint_names, moving)]
     design_criterion = build_design_criterion(
         model,
         request.criterion,
@@ -234,16 +273,18 @@ def design_experiment(
     motion = sample_pieces(experiment.pieces, task.rate)
     # A floor that was only assumed is not a floor that the user stated: the note on what was checked says so.
     floor_assumed = limits.space is not None and limits.space.assumed
-    reach = note_reach(robot, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
+    reach = note_reach(machine, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
     all_notes = (*experiment.notes, *notes, *model.notes, *limits.notes, *reach)
     progress(1.0, "done")
+    joints = (motion.q, motion.dq, motion.ddq)
+    q, dq, ddq = joints if sway is None else sway.list_joint_motion(*joints)
     return Design(
         joint_names=robot.joint_names,
-        request=request,
+        request=stated,
         t=motion.t,
-        q=motion.q,
-        dq=motion.dq,
-        ddq=motion.ddq,
+        q=q,
+        dq=dq,
+        ddq=ddq,
         exciting=experiment.exciting,
         period=experiment.period,
         parameter_names=model.parameter_names,

@@ -1,7 +1,8 @@
 """Balance of a robot on standing feet: forces of the ground, and whether feet can exert them in a motion.
 
-The legs that stand are held, so that the base does not move, and the other joints move. The six equations of the base
-then give the wrench w of the ground on the robot. All that has to hold is linear in it:
+The legs that stand are held, so that the base does not move, and the other joints move; or the trunk sways, and the
+legs follow. The six equations of the base then give the wrench w of the ground on the robot. All that has to hold is
+linear in it:
 
 * centre of pressure: its distance from every edge of the support (the convex hull of the points that touch) is at least
   the margin, which no wrench that pulls can keep,
@@ -29,14 +30,16 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Signals
 from dynident.errors import DynidentError
 from dynident.excitation.design_request import DesignRequest
+from dynident.excitation.swaying_trunk import Sway, build_sway
 from dynident.expressions import Program
 from dynident.motion.collision.constraint_slack import METRES_OF_A_SHARE, BalanceExtremes, word_fall
 from dynident.motion.collision.obstacle_geometry import NOT_STANDING, Ground, fit_ground
 from dynident.motion.collision.surroundings import Standing, Surroundings, Wall
 from dynident.motion.collision_free_paths import check_home
-from dynident.motion.limits.bounds import ImpossibleLimitsError, build_bounds, select_moving_joints
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds, select_moving_joints
 from dynident.motion.limits.postures_within_limits import list_usual_homes
 from dynident.robot.collision_reader import BASE, collision_geometry
+from dynident.robot.cut_joint import FrameOnJoint, Loop, build_gap
 from dynident.robot.description_and_json import set_base
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.joint import join_joint_names
@@ -72,24 +75,26 @@ class MotionSlack:
 
 @dataclass(frozen=True, eq=False)
 class StandingBalance:
-    """Balance of a robot whose standing legs are held, as a function of the motion of all its joints.
+    """Balance of a robot on its feet, as a function of the motion of all joints, or of the driven ones of a sway.
 
     Parameters
     ----------
     robot : Robot
-        The robot on a fixed base, with gravity against the normal of the ground.
+        The robot on a fixed base, or on a floating one that sways, with gravity against the normal of the ground.
     root : (10,)
-        Inertial parameters of its root link.
+        Inertial parameters of its root link where the base is fixed; zeros otherwise.
     ground : Ground
         The ground under the feet.
     standing : Standing
         Feet, friction and margin, as the request states them.
     home : (n,)
-        Posture in which the legs are held, rad or m.
+        Posture in which it stands, rad or m.
     held : (n,) of bool
         Joints of the legs that stand.
     torque_limits : (k,)
         Torque limits of these joints, N m or N; infinite where there is none.
+    sway : Sway, optional
+        How the legs follow the trunk; they are held where left out.
     """
 
     robot: Robot
@@ -99,6 +104,7 @@ class StandingBalance:
     home: FloatArray
     held: BoolArray
     torque_limits: FloatArray
+    sway: Sway | None = None
 
     @cached_property
     def weight(self) -> float:
@@ -119,28 +125,28 @@ class StandingBalance:
         mass, moment = self.root[9], self.root[6:9]
         of_root = -np.concatenate([mass * self.robot.gravity, np.cross(moment, self.robot.gravity)])
         wrench = ca.mtimes(signals.mechanics.wrenches, inertias) + ca.DM(of_root)
-        torque = ca.mtimes(signals.mechanics.rows, inertias)
+        # Of all forces f with this wrench, those of least norm count: the points stay where they are, so that their
+        # map to the wrench does not depend on the motion. They take Jᵀf off the torque of the legs.
+        forces = ca.mtimes(ca.DM(np.linalg.pinv(self.ground.forces_to_wrench)), wrench)
+        carried = ca.jtimes(self._place_points(signals.q), signals.q, forces, True)
+        torque = ca.mtimes(signals.mechanics.rows, inertias) - carried
         output = ca.densify(ca.vertcat(wrench, *(torque[int(j)] for j in np.flatnonzero(self.held))))
         state, seeds = ca.vertcat(signals.q, signals.dq, signals.ddq), ca.SX.sym("seeds", output.numel())
         reverse = ca.densify(ca.jtimes(output, state, seeds, True))
         return Program([signals.q, signals.dq, signals.ddq], output), Program([state, seeds], reverse)
 
-    @cached_property
-    def _leg_map(self) -> FloatArray:
-        """The matrix (k, 6) from the wrench to what its forces of least norm take off the torque of the legs."""
-        frames, rows = (
-            joint_frames(self.robot, self.home[None])[0],
-            np.zeros((self.held.sum(), 3 * len(self.ground.links))),
-        )
-        names = self.robot.tree.joint_names
-        for row, name in zip(rows, self.held_names, strict=True):
-            j = names.index(name)
-            joint, axis = self.robot.tree.joints[j], frames[j, :3, :3] @ self.robot.tree.joints[j].axis
-            for k, (link, point) in enumerate(zip(self.ground.links, self.ground.points, strict=True)):
-                if j in self.robot.tree.list_ancestors(link):
-                    arm = point - frames[j, :3, 3]
-                    row[3 * k : 3 * k + 3] = np.cross(axis, arm) if joint.kind == "revolute" else axis
-        return np.asarray(rows @ np.linalg.pinv(self.ground.forces_to_wrench))
+    def _place_points(self, q: ca.SX) -> ca.SX:
+        """Return the points of the feet SX (3 p, 1) that touch the ground at home, as functions of the posture."""
+        tree, home = self.robot.tree, joint_frames(self.robot, self.home[None])[0]
+        positions = ca.SX(tree.n, 1)
+        positions[range(tree.n) if self.robot.linkage is None else list(self.robot.linkage.driven)] = q
+        places = []
+        for link, point in zip(self.ground.links, self.ground.points, strict=True):
+            end = np.eye(4)
+            end[:3, 3] = home[link, :3, :3].T @ (point - home[link, :3, 3])
+            ends = (FrameOnJoint(BASE, np.eye(4)), FrameOnJoint(link, end))
+            places.append(build_gap(Loop("", "point", ends), tree.joints, positions))
+        return ca.vertcat(*places)
 
     @cached_property
     def _outline(self) -> scipy.spatial.ConvexHull:
@@ -188,7 +194,7 @@ class StandingBalance:
         sliding, rest = self._cone
         friction = self._size * (sliding / _SPARE_SHARE + rest) / self.weight
         limited = np.isfinite(self.torque_limits)
-        legs = np.hstack([-self._leg_map, np.eye(k)])[limited] / self.torque_limits[limited, None]
+        legs = np.hstack([np.zeros((k, 6)), np.eye(k)])[limited] / self.torque_limits[limited, None]
         legs *= METRES_OF_A_SHARE / _SPARE_SHARE
         matrix = np.vstack([np.hstack([rows, np.zeros((len(rows), k))]) for rows in (edges, friction)])
         constants = np.concatenate([np.zeros(len(matrix)), np.full(2 * len(legs), METRES_OF_A_SHARE)])
@@ -200,13 +206,23 @@ class StandingBalance:
         return len(self._rows[1])
 
     def hold(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return position limits (n,) in which the legs that stand have no range."""
+        """Return position limits (n,) in which legs that are held have no range."""
+        if self.sway is not None:
+            return low, high
         return np.where(self.held, self.home, low), np.where(self.held, self.home, high)
 
     def evaluate_motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> MotionSlack:
         """Return the slack of a motion q, q̇, q̈ (N, n)."""
         matrix, constants = self._rows
-        return MotionSlack(self._programs[0](q, dq, ddq) @ matrix.T + constants, self, (q, dq, ddq))
+        values = self._programs[0](*self._expand(q, dq, ddq)) @ matrix.T + constants
+        return MotionSlack(values, self, (q, dq, ddq))
+
+    def _expand(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, q̇, q̈ of all joints of the robot."""
+        if self.sway is None:
+            return q, dq, ddq
+        motion = self.sway.expand(q, dq, ddq)
+        return motion.q, motion.dq, motion.ddq
 
     def evaluate(self, q: FloatArray) -> MotionSlack:
         """Return the slack at rest in postures q (N, n)."""
@@ -218,8 +234,10 @@ class StandingBalance:
 
     def pull_back(self, motion: tuple[FloatArray, FloatArray, FloatArray], gradient: FloatArray) -> list[FloatArray]:
         """Return ∂/∂q, ∂/∂q̇, ∂/∂q̈ (N, n) at a motion from the derivative by the slack (N, K)."""
-        swept = self._programs[1](np.concatenate(motion, axis=1), np.ascontiguousarray(gradient @ self._rows[0]))
-        return list(np.split(swept, 3, axis=1))
+        state = np.concatenate(self._expand(*motion), axis=1)
+        swept = self._programs[1](state, np.ascontiguousarray(gradient @ self._rows[0]))
+        gradients = list(np.split(swept, 3, axis=1))
+        return gradients if self.sway is None else self.sway.expand(*motion).pull_back(gradients)
 
     def is_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
         """Return whether the robot balances in a motion q, q̇, q̈ (N, n), with what is to spare."""
@@ -227,7 +245,7 @@ class StandingBalance:
 
     def measure(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> BalanceExtremes:
         """Return how near a motion q, q̇, q̈ (N, n) comes to falling, slipping and the torque limits of the legs."""
-        output = self._programs[0](q, dq, ddq)
+        output = self._programs[0](*self._expand(q, dq, ddq))
         wrench = output[:, :6]
         upward = wrench[:, :3] @ self.ground.axes[:, 2]
         sliding, rest = (wrench @ rows.T for rows in self._cone)
@@ -235,7 +253,7 @@ class StandingBalance:
             distance = np.where(upward > 0.0, (wrench @ self._edges.T).min(axis=1) / upward, -np.inf)
             # Friction scales the forces along the ground, so that it is known which friction the cone would need.
             needed = np.where(sliding < 0.0, np.where(rest > 0.0, -sliding / rest, np.inf), 0.0).max(axis=1)
-        torque = np.abs(output[:, 6:] - wrench @ self._leg_map.T)
+        torque = np.abs(output[:, 6:])
         return BalanceExtremes(
             float(distance.min()), float(self.standing.friction * needed.max()), torque.max(axis=0, initial=0.0)
         )
@@ -282,11 +300,20 @@ class StandingBalance:
         """What the balance was computed from, in words for the user."""
         gravity = ",".join(f"{value + 0.0:.4g}" for value in self.robot.gravity.round(4))
         return (
-            f"The robot stands on {join_names(self.standing.feet)}. The base does not move, nor do the joints between "
-            f"it and these feet: {join_joint_names(self.held_names, self.robot.joint_names)}. The forces of the ground "
+            f"The robot stands on {join_names(self.standing.feet)}. {self._describe_legs()} The forces of the ground "
             "follow from the masses in the robot's description. The torque of the legs that stand is that of forces of "
             "least norm at the feet, without friction in the joints. The robot balances at every lower speed as well. "
-            f"Gravity in the frame of the base is {gravity} m/s²."
+            f"Gravity in the frame of the base{'' if self.sway is None else ' at home'} is {gravity} m/s²."
+        )
+
+    def _describe_legs(self) -> str:
+        names = join_joint_names(self.held_names, self.robot.joint_names[self.robot.n_base :])
+        if self.sway is None:
+            return f"The base does not move, nor do the joints between it and these feet: {names}."
+        way, turn = self.standing.sway
+        return (
+            f"The base moves by up to {way:g} m and turns by up to {turn:g} rad along and about each axis; the joints "
+            f"between it and these feet follow, so that the feet stay where they are: {names}."
         )
 
 
@@ -303,8 +330,9 @@ def stand_on_feet(robot: Robot, request: DesignRequest) -> tuple[Robot, DesignRe
     Returns
     -------
     tuple of Robot, DesignRequest, StandingBalance or None
-        The robot on a fixed base, with gravity against the normal of the ground; a request in which the legs do not
-        move, and the ground is a wall; and the balance. Both as they are, and no balance, where no foot stands.
+        The robot on a fixed base, with gravity against the normal of the ground; a request in which no joint of the
+        legs moves by itself, and the ground is a wall; and the balance, of which `sway` has the robot that moves if its
+        trunk sways. Both as they are, and no balance, where no foot stands.
 
     Raises
     ------
@@ -323,8 +351,8 @@ def stand_on_feet(robot: Robot, request: DesignRequest) -> tuple[Robot, DesignRe
     blocked = [name for name in request.trajectory.joints if name in balance.held_names]
     if blocked:
         raise DynidentError(
-            f"{join_names(blocked)} cannot move: between the base and a foot that stands, joints are held; move other "
-            "joints, or let the foot not stand",
+            f"{join_names(blocked)} cannot move: between the base and a foot that stands, joints are held, or follow "
+            "the trunk; move other joints, or let the foot not stand",
             pointer="/trajectory/joints",
         )
     names = tuple(np.array(robot.joint_names)[moving & ~balance.held].tolist())
@@ -335,7 +363,34 @@ def stand_on_feet(robot: Robot, request: DesignRequest) -> tuple[Robot, DesignRe
         trajectory=replace(request.trajectory, joints=names),
         surroundings=balance.add_ground(request.surroundings),
     )
-    return balance.robot, stated, balance
+    held_robot = balance.robot
+    if request.standing.sways:
+        balance = release_legs(balance, bounds)
+    return held_robot, stated, balance
+
+
+def release_legs(balance: StandingBalance, bounds: Bounds) -> StandingBalance:
+    """Return the balance of a robot whose trunk sways.
+
+    Parameters
+    ----------
+    balance : StandingBalance
+        The balance while its legs are held.
+    bounds : Bounds
+        Limits of its joints.
+    """
+    robot = replace(set_base(balance.robot, "floating"), gravity=balance.robot.gravity)
+    base = np.zeros(robot.n_base)
+    return replace(
+        balance,
+        robot=robot,
+        # The root link is one of the links of a floating base.
+        root=np.zeros_like(balance.root),
+        ground=replace(balance.ground, links=tuple(robot.n_base + link for link in balance.ground.links)),
+        home=np.concatenate([base, balance.home]),
+        held=np.concatenate([base.astype(bool), balance.held]),
+        sway=build_sway(robot, balance.standing, balance.home, balance.held, bounds),
+    )
 
 
 def build_standing_balance(

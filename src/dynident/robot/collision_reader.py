@@ -272,9 +272,11 @@ def collision_geometry(
         surfaces[joint].extend(parts.surfaces)
     names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
     notes: list[str] = [_describe_unread_meshes(unread, mesh_folders)] if unread else []
-    bare = [index for index in range(robot.n) if not shapes[index]]
+    # Between the world and the root link of a base that moves there are no links.
+    first = robot.n_massless
+    bare = [index for index in range(first, robot.n) if not shapes[index]]
     if link_radius is not None and bare:
-        for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
+        for index in [joint for joint in (BASE, *range(first, robot.n)) if not shapes[joint]]:
             shapes[index].extend(_connect_origins(robot, index, link_radius))
         notes.append(
             f"Capsules of radius {link_radius:.3g} m between the joints' origins replace the missing collision bodies "
@@ -363,7 +365,8 @@ def _place_links(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray
     joints = list(root.iter_children("joint"))
     child_of = {joint.attributes["name"]: _get_link_name(joint, "child") for joint in joints}
     roots = {link.attributes["name"] for link in root.iter_children("link")} - set(child_of.values())
-    places: dict[str, tuple[int, FloatArray]] = {name: (BASE, np.eye(4)) for name in roots}
+    # The last coordinate of a base that moves carries the root link; without any it is the base itself.
+    places: dict[str, tuple[int, FloatArray]] = {name: (BASE + robot.n_base, np.eye(4)) for name in roots}
     # Joints of a URDF stand in any order. Those whose parent link has no place yet wait for the next round; the text
     # was checked to be a tree when the robot was read, so every round places at least one link.
     waiting = joints

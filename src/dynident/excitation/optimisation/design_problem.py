@@ -18,9 +18,10 @@ from dynident.array_types import FloatArray
 from dynident.effects import get_effect
 from dynident.excitation.criteria.design_criterion import DesignCriterion
 from dynident.excitation.criteria.optimality_criteria import Criterion, CriterionValues
-from dynident.excitation.design_observation_matrix import DesignModel, ObservationGradient
+from dynident.excitation.design_observation_matrix import DesignModel
 from dynident.excitation.equation_type_rows import RowModelName, build_row_model
 from dynident.excitation.expected_torque import ExpectedTorqueGradient
+from dynident.excitation.swaying_trunk import build_observation_gradient
 from dynident.motion.collision.constraint_slack import METRES_OF_A_SHARE
 from dynident.motion.collision_free_paths import MoveCost
 from dynident.motion.joint_trajectories import Family
@@ -238,7 +239,7 @@ class DesignProblem:
         self._rows_of = rows
         self._row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
         rounding = choose_sign_rounding(model, bounds)
-        self._rows = ObservationGradient(model, self.n_samples, rounding)
+        self._rows = build_observation_gradient(model, self.n_samples, rounding)
         self._expected = None if model.expected is None else ExpectedTorqueGradient(model.expected, rounding)
         b = model.n_parameters
         self._n_parameters = b

@@ -176,6 +176,9 @@ class Standing(Request):
         Coefficient of friction of the feet on the ground.
     margin : float
         Smallest distance of the centre of pressure from the edge of the support, m.
+    sway : tuple of (float, float)
+        How far the trunk may move, m, and turn, rad, from home along and about each axis, while the feet stay where
+        they are. Zeros: the legs that stand are held.
     """
 
     feet: tuple[str, ...] = declare_field(
@@ -195,3 +198,16 @@ class Standing(Request):
         at_most=FARTHEST,
         option="--balance-margin",
     )
+    sway: tuple[float, float] = declare_field(
+        "How far the trunk may move (m) and turn (rad) along and about each axis over standing feet, which the legs "
+        "keep in place; 0,0: the legs are held",
+        default=(0.0, 0.0),
+        unit="m, rad",
+        at_least=0,
+        at_most=1,
+    )
+
+    @property
+    def sways(self) -> bool:
+        """Whether the trunk moves."""
+        return bool(self.feet) and any(self.sway)

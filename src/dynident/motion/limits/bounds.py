@@ -240,7 +240,9 @@ def build_bounds(
     ImpossibleLimitsError
         A stated range lies outside the robot's own.
     """
-    robot.require_fixed_base("design of a motion, unless you name the feet that it stands on,")
+    # Where a trunk sways over feet, its coordinates are joints without a motor.
+    if balance is None:
+        robot.require_fixed_base("design of a motion, unless you name the feet that it stands on,")
     # Names first: the limits of a misspelt joint would otherwise be ignored.
     for name in overrides:
         if name not in robot.tree.joint_names:
@@ -254,7 +256,8 @@ def build_bounds(
     completed = [_complete_limits(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
     notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes(robot.joint_names)]
     torque = np.array([np.inf if limit.effort is None else limit.effort for limit in completed])
-    unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
+    motors = list(zip(robot.joint_names, torque, strict=True))[robot.n_base :]
+    unlimited = [name for name, bound in motors if not np.isfinite(bound)]
     power = np.array([np.inf if limit.power is None else limit.power for limit in completed])
     if robot.inertias is None and torque_note is None:
         # Without inertias no torque can be predicted, so its limits cannot be checked.
@@ -278,7 +281,7 @@ def build_bounds(
     space = _build_space(robot, overrides, surroundings, ends, balance)
     notes += [] if space is None else space.notes
     if robot.linkage is not None:
-        notes += _note_follower_limits(robot, overrides)
+        notes += _note_follower_limits(robot, overrides, () if balance is None else balance.held_names)
     if balance is not None:
         notes.append(balance.note)
         # The ground carries the legs that stand, and the torque of hanging ones says nothing: the balance limits it.
@@ -318,17 +321,21 @@ def _build_space(
     return replace(empty if space is None else space, loops=loops, balance=balance)
 
 
-def _note_follower_limits(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
+def _note_follower_limits(robot: Robot, stated: Mapping[str, Limits], legs: Sequence[str]) -> list[str]:
     """Return a note on the limits of follower joints that are not kept: all but those of position and its rates.
 
-    Of the description's own limits that is the jerk; a joint without a drive has no torque of its own.
+    Of the description's own limits that is the jerk; a joint without a drive has no torque of its own. The balance
+    keeps the torque of `legs` that stand.
     """
     followers = [joint for joint in robot.tree.joints if joint.name not in robot.joint_names]
     names = [
         f"{kind} of {joint.name}"
         for joint in followers
         for kind in ("jerk", "effort", "power")
-        if getattr(stated.get(joint.name, Limits()), kind) is not None
+        if (
+            getattr(stated.get(joint.name, Limits()), kind) is not None
+            and not (kind == "effort" and joint.name in legs)
+        )
         or (kind == "jerk" and joint.limits.jerk is not None)
     ]
     if not names:
