@@ -43,3 +43,38 @@ STANDER = "".join(
         "</robot>",
     ]
 )
+
+
+def write_leg(side: str, offset: float) -> list[str]:
+    """Return the links and joints of a leg of six joints, from the trunk down to a foot with a sole."""
+    parts = [
+        ("hip_yaw", f"0 {offset} -0.1", "0 0 1", 0.8, "0.01 0 -0.02"),
+        ("hip_roll", "0 0 -0.04", "1 0 0", 0.9, "0 0.01 -0.03"),
+        ("thigh", "0 0 0", "0 1 0", 2.5, "0.02 0.01 -0.15"),
+        ("shank", "0 0 -0.3", "0 1 0", 1.8, "0.01 -0.01 -0.14"),
+        ("ankle", "0 0 -0.3", "0 1 0", 0.5, "0 0 0"),
+        ("foot", "0 0 0", "1 0 0", 0.6, "0.03 0 -0.01"),
+    ]
+    text, parent = [], "trunk"
+    for name, place, axis, mass, centre in parts:
+        child = f"{side}_{name}"
+        text.append(write_link(child, mass, centre, BOX if name == "foot" else ""))
+        text.append(write_joint(f"{child}_joint", parent, child, place, axis, 90))
+        parent = child
+    return text
+
+
+SQUATTER = "".join(
+    [
+        '<robot name="squatter">',
+        write_link("trunk", 9.0, "0.01 0 0.1"),
+        *write_leg("left", 0.1),
+        *write_leg("right", -0.1),
+        write_link("upper_arm", 2.0, "0.12 0 0.01"),
+        write_link("lower_arm", 1.5, "0.15 0.01 0", BALL),
+        write_joint("shoulder", "trunk", "upper_arm", "0 0 0.3", "0 0.8 0.6", 40),
+        write_joint("elbow", "upper_arm", "lower_arm", "0.3 0 0", "0 1 0", 20),
+        "</robot>",
+    ]
+)
+"""A robot whose legs can keep their soles in place while its trunk moves, with an arm of two joints."""

@@ -135,7 +135,7 @@ class DesignedMotion(Framed):
         Raises
         ------
         DynidentError
-            For a parameter that the robot does not have, or a motion that it cannot follow.
+            For a parameter that the robot does not have, a motion that it cannot follow, or one whose trunk sways.
 
         Examples
         --------
@@ -145,6 +145,11 @@ class DesignedMotion(Framed):
         """
         from dynident.simulation import build_recording_table, simulate
 
+        if self.design.request.standing.sways:
+            raise DynidentError(
+                "The motion of a trunk that sways over its feet cannot be simulated: simulation holds the base.",
+                title="Not for a base that moves",
+            )
         simulation = resolve_simulation(self.robot, parameters, request, self.design)
         table = build_recording_table(simulate(self.robot, simulation, scale_progress(progress, 0.0, 0.9)))
         metadata = RecordingMetadata(name=name)

@@ -44,7 +44,7 @@ from dynident.excitation.optimisation.design_problem import Budget, count_period
 from dynident.excitation.standing_feet import stand_on_feet
 from dynident.excitation.swaying_trunk import Sway, build_swaying_model
 from dynident.motion.collision.obstacle_geometry import ASSUMED_HEIGHT, check_surroundings, note_reach
-from dynident.motion.collision_free_paths import check_home, list_home_candidates
+from dynident.motion.collision_free_paths import check_home, list_home_candidates, note_home
 from dynident.motion.joint_trajectories import MOST_SAMPLES, Motion, PeriodicMotion, concatenate_motions, sample_pieces
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds, lock_bounds, select_moving_joints
 from dynident.motion.limits.postures_within_limits import compute_static_torque
@@ -255,7 +255,8 @@ def design_experiment(
         # Locked joints stay at home, so home has to be known before the model of the moving joints.
         home = list_home_candidates(request.home, bounds, model)[0]
         moving = select_moving_joints(request.trajectory.joints, machine.joint_names)
-        model, bounds = lock_model(model, home, moving), lock_bounds(bounds, home, moving)
+        model = lock_model(model, home, moving)
+        bounds = lock_bounds(bounds, home, moving if sway is None else moving & sway.moves)
         notes += [] if moving.all() else [note_locked_joints(machine.joint_names, moving)]
     design_criterion = build_design_criterion(
         model,
@@ -274,6 +275,10 @@ def design_experiment(
     # A floor that was only assumed is not a floor that the user stated: the note on what was checked says so.
     floor_assumed = limits.space is not None and limits.space.assumed
     reach = note_reach(machine, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
+    if sway is not None:
+        # The user's home has the joints of the legs, and no trunk.
+        own = {note_home(sway.home): note_home(np.array(stated.home))}
+        experiment = replace(experiment, notes=tuple(own.get(note, note) for note in experiment.notes))
     all_notes = (*experiment.notes, *notes, *model.notes, *limits.notes, *reach)
     progress(1.0, "done")
     joints = (motion.q, motion.dq, motion.ddq)

@@ -431,6 +431,13 @@ def build_standing_balance(
         )
     ground = fit_ground(robot, standing, home, _list_folders(surroundings))
     held = _find_held_joints(robot, ground.links)
+    if held.all() and not standing.sways:
+        raise ImpossibleLimitsError(
+            "Every joint belongs to a leg that stands, so none is left to move; name the feet of fewer legs, or let "
+            "the trunk sway.",
+            pointer="/standing/feet",
+            title=NOT_STANDING,
+        )
     balance = StandingBalance(
         replace(robot, gravity=-float(np.linalg.norm(robot.gravity)) * ground.axes[:, 2]),
         root.inertias[root.n_base - 1],
@@ -462,12 +469,6 @@ def _find_held_joints(robot: Robot, links: Sequence[int]) -> BoolArray:
     if followers:
         raise DynidentError(
             f"A leg that stands has joints that follow others ({join_names(followers)}), which is not supported.",
-            pointer="/standing/feet",
-            title=NOT_STANDING,
-        )
-    if held >= set(robot.joint_names):
-        raise ImpossibleLimitsError(
-            "Every joint belongs to a leg that stands, so none is left to move; name the feet of fewer legs.",
             pointer="/standing/feet",
             title=NOT_STANDING,
         )

@@ -130,10 +130,13 @@ class Sway:
         The driven joints, those of the base first, with a linkage whose tree has all joints.
     home : (n,)
         Posture of the driven joints, rad or m.
+    moves : (n,) of bool
+        Which of them may move: not the coordinates of the trunk that have no range.
     """
 
     robot: Robot
     home: FloatArray
+    moves: BoolArray
 
     @cached_property
     def linkage(self) -> Linkage:
@@ -225,8 +228,11 @@ def build_sway(robot: Robot, standing: Standing, home: FloatArray, held: BoolArr
     whole_home = np.concatenate([np.zeros(_BASE), home])
     loops = [_close_leg(robot, text, whole_home, f"/standing/feet/{index}") for index, text in enumerate(standing.feet)]
     joints = list(robot.joints)
-    for k, (joint, reach) in enumerate(zip(joints[:_BASE], np.repeat(standing.sway, 3), strict=True)):
-        joints[k] = replace(joint, limits=Limits(position=(-float(reach), float(reach))))
+    reach = np.repeat(standing.sway, 3)
+    # A coordinate without a range is locked as a joint is, so that its limits do not matter.
+    largest = np.where(reach > 0.0, reach, 1.0)
+    for k in range(_BASE):
+        joints[k] = replace(joints[k], limits=Limits(position=(-float(largest[k]), float(largest[k]))))
     legs = [_BASE + int(k) for k in np.flatnonzero(held)]
     for j in legs:
         fastest, hardest = float(bounds.velocity[j - _BASE]), float(bounds.acceleration[j - _BASE])
@@ -234,8 +240,8 @@ def build_sway(robot: Robot, standing: Standing, home: FloatArray, held: BoolArr
     tree = replace(robot, joints=tuple(joints))
     driven = [j for j in range(tree.n) if j not in legs]
     ratios = np.eye(tree.n)[:, [*driven, *legs]]
-    low = np.concatenate([-np.repeat(standing.sway, 3), bounds.position_low[~held]])
-    high = np.concatenate([np.repeat(standing.sway, 3), bounds.position_high[~held]])
+    low = np.concatenate([-reach, bounds.position_low[~held]])
+    high = np.concatenate([reach, bounds.position_high[~held]])
     names = tuple(tree.joint_names[j] for j in (*driven, *legs))
     start = whole_home[[*driven, *legs]]
     closure = StandingLegs(tree.joints, tuple(loops), ratios, np.zeros(tree.n), start, low, high, names)
@@ -248,7 +254,7 @@ def build_sway(robot: Robot, standing: Standing, home: FloatArray, held: BoolArr
             title=NOT_STANDING,
         )
     linkage = Linkage(tree, tuple(driven), ratios, np.zeros(tree.n), {}, closure)
-    return Sway(build_driven_robot(linkage), start[: closure.n])
+    return Sway(build_driven_robot(linkage), start[: closure.n], np.concatenate([reach > 0.0, ~held[~held]]))
 
 
 def _close_leg(robot: Robot, text: str, home: FloatArray, pointer: str) -> Loop:
@@ -281,7 +287,7 @@ class SwayingModel(DesignModel):
     sway : Sway
         The robot; `robot` has its driven joints, and all symbols and columns are those of the tree.
     ranges : (2, n)
-        Position limits of the driven joints, rad or m.
+        Between which positions of the driven joints their base parameters are found, rad or m.
     """
 
     sway: Sway | None = None
@@ -357,7 +363,7 @@ class SwayingModel(DesignModel):
         low, high = self.ranges
         count = _STATES_PER_COLUMN * len(self.columns) + 20
         q = np.where(moving, rng.uniform(low, high, (count, self.robot.n)), posture)
-        rates = moving * (high > low) * rng.uniform(-1, 1, (2, count, self.robot.n))
+        rates = moving * self.sway.moves * rng.uniform(-1, 1, (2, count, self.robot.n))
         dq, ddq = 2.0 * rates[0], 5.0 * rates[1]
         # Some states at rest: what depends on position alone must not hide behind large accelerations.
         dq[::4] *= 0.05
@@ -436,4 +442,5 @@ def build_swaying_model(sway: Sway, effects: Sequence[EffectChoice], bounds: Bou
     whole = build_design_model(sway.linkage.tree, effects, has_jerk=False)
     own = {field.name: getattr(whole, field.name) for field in fields(DesignModel)}
     own |= {"robot": sway.robot, "counted": np.full(sway.robot.n, True)}
-    return SwayingModel(**own, sway=sway, ranges=np.stack([bounds.position_low, bounds.position_high]))
+    ends = (bounds.position_low, bounds.position_high)
+    return SwayingModel(**own, sway=sway, ranges=np.stack([np.where(sway.moves, end, sway.home) for end in ends]))
