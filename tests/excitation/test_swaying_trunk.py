@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
+from support.standing_engine import build_engine, play
 from support.standing_robots import FEET, HOME, SOLE, SQUATTER, STANDER
 
 import dynident as dy
@@ -19,6 +20,7 @@ from dynident.excitation.design_observation_matrix import lock_model
 from dynident.excitation.optimisation.design_problem import DesignProblem
 from dynident.excitation.standing_feet import stand_on_feet
 from dynident.excitation.swaying_trunk import Sway, build_swaying_model
+from dynident.identification import IdentifiedParameter
 from dynident.motion import Margin, Standing
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import Bounds, build_bounds
@@ -260,7 +262,7 @@ def record(design: Design, seed: int) -> dy.Recordings:
     return dy.read_recordings(table, robot=dy.set_base(squatter(), "floating", FEET))
 
 
-def identify(request: DesignRequest) -> dict[str, dy.IdentifiedParameter]:
+def identify(request: DesignRequest) -> dict[str, IdentifiedParameter]:
     """Return the parameters from a recording of a design, by name; the description stands in where it tells nothing."""
     design = design_experiment(squatter(), request)
     assert design.baseline is not None
@@ -347,12 +349,13 @@ def test_the_request_of_a_result_gives_the_same_motion_again() -> None:
 def test_a_squat_alone_moves_both_legs_alike() -> None:
     """Arms that are locked at home, and a trunk that only moves: joints and coordinates without range stay."""
     trajectory = replace(REQUEST.trajectory, joints=("elbow",))
-    standing = Standing(FEET, sway=(0.05, 0.0))
-    design = design_experiment(squatter(), build_request(trajectory=trajectory, standing=standing))
+    standing, limits = Standing(FEET, sway=(0.05, 0.0)), {"base_z": Limits(velocity=0.05)}
+    design = design_experiment(squatter(), build_request(trajectory=trajectory, standing=standing, limits=limits))
+    assert next(row.bound for row in design.margins if (row.joint, row.limit) == ("base_z", "velocity")) == 0.05
     _, states = follow_design(design, 20)
     poses = np.array([state[0][:7] for state in states])
     np.testing.assert_allclose(poses[:, 3:], [[0.0, 0.0, 0.0, 1.0]] * len(poses), atol=TOLERANCE)
-    assert np.ptp(poses[:, 2]) > 0.02
+    assert np.ptp(poses[:, 2]) > 0.01
     assert np.ptp(design.q[:, design.joint_names.index("shoulder")]) == 0.0
 
 
@@ -366,3 +369,25 @@ def test_a_quadruped_sways_over_the_points_of_its_feet() -> None:
     feet = joint_frames(robot, design.q)[:, calves, :3] @ np.array([0.0, 0.0, -0.213, 1.0])
     apart = np.linalg.norm(feet[:, :, None] - feet[:, None], axis=3)
     assert np.ptp(apart, axis=0).max() < TOLERANCE
+
+
+@pytest.mark.slow
+def test_a_humanoid_in_mujoco_keeps_its_feet_where_they_are() -> None:
+    robot, feet = dy.load_robot("g1"), ("left_ankle_roll_link", "right_ankle_roll_link")
+    knees = {"hip_pitch_joint": -0.5, "knee_joint": 1.0, "ankle_pitch_joint": -0.5}
+    request = DesignRequest(
+        trajectory=TrajectoryRequest(duration=5.0),
+        home=bend(robot, {**knees, "left_shoulder_roll_joint": 0.4, "right_shoulder_roll_joint": -0.4}),
+        standing=Standing(feet, margin=0.02, sway=(0.04, 0.1)),
+        starts=1,
+        random_trajectories=10,
+    )
+    design = design_experiment(robot, request)
+    soles = np.array([[-0.05, 0.025, -0.03], [-0.05, -0.025, -0.03], [0.12, 0.03, -0.03], [0.12, -0.03, -0.03]])
+    model = build_engine(robot.description.content, dict.fromkeys(feet, soles), 0.005, robot.joint_names)
+    place = joint_frames(dy.set_base(robot, "floating"), np.concatenate([np.zeros(6), design.q[0]])[None])[0]
+    ankle = dy.set_base(robot, "floating").joint_names.index("left_ankle_roll_joint")
+    turn, move = play(model, design, np.array([0.0, 0.0, 1.0]), float(place[ankle, 2, 3]) - 0.035, feet)
+    print(turn, move)
+    assert turn < 0.03
+    assert move < 0.01

@@ -41,6 +41,7 @@ from dynident.motion.limits.postures_within_limits import list_usual_homes
 from dynident.robot.collision_reader import BASE, collision_geometry
 from dynident.robot.cut_joint import FrameOnJoint, Loop, build_gap
 from dynident.robot.description_and_json import set_base
+from dynident.robot.description_formats import BASE_JOINTS
 from dynident.robot.forward_kinematics import joint_frames
 from dynident.robot.joint import join_joint_names
 from dynident.robot.json_fields import join_names
@@ -342,7 +343,10 @@ def stand_on_feet(robot: Robot, request: DesignRequest) -> tuple[Robot, DesignRe
     if not request.standing.feet:
         return robot, request, None
     robot = robot if robot.base == "fixed" else set_base(robot, "fixed")
-    bounds = build_bounds(robot, request.limits, torque_margin=request.torque_margin)
+    # A trunk that sways has limits like a joint, and is none of the joints that stand.
+    trunk = BASE_JOINTS["floating"] if request.standing.sways else ()
+    limits = {name: limit for name, limit in request.limits.items() if name not in trunk}
+    bounds = build_bounds(robot, limits, torque_margin=request.torque_margin)
     if request.home is not None:
         check_home(request.home, bounds)
     home = list_usual_homes(bounds)[0] if request.home is None else np.asarray(request.home, dtype=np.float64)
