@@ -102,15 +102,15 @@ class SwayedMotion:
 
     def eliminate_forces(self, w: FloatArray) -> FloatArray:
         """Return the rows (m, n, c) of the driven joints from those of all joints (m, N, c)."""
-        mixed, free = self._sway.mixed, self._sway.free
-        return np.concatenate([self.mixing @ w[:, mixed], w[:, free]], axis=1)
+        coupled, free = self._sway.trunk_and_legs, self._sway.free
+        return np.concatenate([self.mixing @ w[:, coupled], w[:, free]], axis=1)
 
     def pull_back_rows(self, w: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ∂/∂W (m, N, c) and ∂/∂mixing from W and ∂/∂rows (m, n, c)."""
-        mixed, free, of_w = self._sway.mixed, self._sway.free, np.zeros_like(w)
-        of_w[:, mixed] = np.swapaxes(self.mixing, 1, 2) @ gradient[:, :_BASE]
+        coupled, free, of_w = self._sway.trunk_and_legs, self._sway.free, np.zeros_like(w)
+        of_w[:, coupled] = np.swapaxes(self.mixing, 1, 2) @ gradient[:, :_BASE]
         of_w[:, free] = gradient[:, _BASE:]
-        return of_w, gradient[:, :_BASE] @ np.swapaxes(w[:, mixed], 1, 2)
+        return of_w, gradient[:, :_BASE] @ np.swapaxes(w[:, coupled], 1, 2)
 
     def pull_back(self, gradients: Sequence[FloatArray], of_mixing: FloatArray | None = None) -> list[FloatArray]:
         """Return ∂/∂q, ∂/∂q̇, ∂/∂q̈ (m, n) of the driven joints from those of all joints (m, N)."""
@@ -145,7 +145,7 @@ class Sway:
         return self.robot.linkage
 
     @cached_property
-    def mixed(self) -> list[int]:
+    def trunk_and_legs(self) -> list[int]:
         """Indices in the tree of the base's coordinates, then of the legs' joints."""
         return [*range(_BASE), *self.linkage.passive]
 
@@ -310,7 +310,7 @@ class SwayingModel(DesignModel):
         """Entries (n, b) of the rows that are not zero in every motion."""
         assert self.sway is not None
         whole = self.whole.present_entries
-        of_base = np.broadcast_to(whole[self.sway.mixed].any(axis=0), (_BASE, whole.shape[1]))
+        of_base = np.broadcast_to(whole[self.sway.trunk_and_legs].any(axis=0), (_BASE, whole.shape[1]))
         return np.concatenate([of_base, whole[self.sway.free]])
 
     def compute_memory(self, q: FloatArray, *, periodic: bool = False) -> FloatArray:
