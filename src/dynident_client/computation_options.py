@@ -343,7 +343,7 @@ class Standing(TypedDict, total=False):
     """Smallest distance of the centre of pressure from the edge of the support by standing feet, in m (0 to 10000)"""
     sway: tuple[float, float]
     """How far the trunk may move (m) and turn (rad) along and about each axis over standing feet, which the legs keep
-    in place; 0,0: the legs are held, in m, rad (0 to 1)"""
+    in place; zeros: the legs are held, in m, rad (0 to 1)"""
 
 
 class Surroundings(TypedDict, total=False):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.running_commands import dynident
-from support.standing_robots import HOME, SOLE, STANDER
+from support.standing_robots import HOME, SOLE, SQUATTER, STANDER
 
 from dynident.excitation import Design, DesignRequest, design_experiment
 from dynident.progress import Progress, ignore_progress
@@ -69,6 +69,20 @@ def test_feet_that_stand_are_options(tmp_path: Path) -> None:
     refused = dynident("design", tmp_path / "stander.urdf", *QUICK, *falls)
     assert refused.code == 2
     assert "outside of the support" in refused.err
+
+
+def test_a_trunk_that_sways_is_an_option(tmp_path: Path) -> None:
+    (tmp_path / "squatter.urdf").write_text(SQUATTER)
+    leg = (0.0, 0.0, -0.4, 0.8, -0.4, 0.0)
+    stand = ("--feet", "left_foot,right_foot", "--sway", 0.04, 0.1, f"--home={','.join(map(str, (*leg, *leg, 0, 0)))}")
+    files = ("-o", tmp_path / "t.csv", "--json")
+    answer = dynident("design", tmp_path / "squatter.urdf", "--kind", "random", *QUICK, *stand, *files)
+    assert answer.code == 0, answer.err
+    turn = next(row for row in answer.document["margins"] if row["joint"] == "base_yaw")
+    assert turn["bound"] in (-0.1, 0.1)
+    with (tmp_path / "t.csv").open() as file:
+        knee = [float(row["q_left_shank_joint"]) for row in csv.DictReader(file)]
+    assert max(knee) - min(knee) > 0.01
 
 
 def test_an_unknown_set_or_family_is_refused_with_those_there_are(tmp_path: Path) -> None:

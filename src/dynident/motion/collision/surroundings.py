@@ -200,7 +200,7 @@ class Standing(Request):
     )
     sway: tuple[float, float] = declare_field(
         "How far the trunk may move (m) and turn (rad) along and about each axis over standing feet, which the legs "
-        "keep in place; 0,0: the legs are held",
+        "keep in place; zeros: the legs are held",
         default=(0.0, 0.0),
         unit="m, rad",
         at_least=0,
