@@ -283,7 +283,6 @@ def test_a_sway_determines_the_legs_and_held_legs_do_not() -> None:
     for name in ("MZ9", "MZ15"):
         assert swaying[name].standard_deviation < 0.1 * held[name].standard_deviation
     counts = [sum(row.judgement == "determined" for row in rows.values()) for rows in (swaying, held)]
-    print(counts, len(swaying))
     assert counts[0] > 2 * counts[1]
 
 
@@ -372,22 +371,16 @@ def test_a_quadruped_sways_over_the_points_of_its_feet() -> None:
 
 
 @pytest.mark.slow
-def test_a_humanoid_in_mujoco_keeps_its_feet_where_they_are() -> None:
-    robot, feet = dy.load_robot("g1"), ("left_ankle_roll_link", "right_ankle_roll_link")
-    knees = {"hip_pitch_joint": -0.5, "knee_joint": 1.0, "ankle_pitch_joint": -0.5}
-    request = DesignRequest(
-        trajectory=TrajectoryRequest(duration=5.0),
-        home=bend(robot, {**knees, "left_shoulder_roll_joint": 0.4, "right_shoulder_roll_joint": -0.4}),
-        standing=Standing(feet, margin=0.02, sway=(0.04, 0.1)),
-        starts=1,
-        random_trajectories=10,
+def test_servos_in_mujoco_keep_the_feet_where_they_are() -> None:
+    design = design_experiment(squatter(), build_request(standing=Standing(FEET, margin=0.02, sway=(0.05, 0.15))))
+    model = build_engine(
+        SQUATTER, dict.fromkeys(FEET, SOLE + np.array([0.0, 0.0, 0.005])), 0.005, squatter().joint_names
     )
-    design = design_experiment(robot, request)
-    soles = np.array([[-0.05, 0.025, -0.03], [-0.05, -0.025, -0.03], [0.12, 0.03, -0.03], [0.12, -0.03, -0.03]])
-    model = build_engine(robot.description.content, dict.fromkeys(feet, soles), 0.005, robot.joint_names)
-    place = joint_frames(dy.set_base(robot, "floating"), np.concatenate([np.zeros(6), design.q[0]])[None])[0]
-    ankle = dy.set_base(robot, "floating").joint_names.index("left_ankle_roll_joint")
-    turn, move = play(model, design, np.array([0.0, 0.0, 1.0]), float(place[ankle, 2, 3]) - 0.035, feet)
-    print(turn, move)
-    assert turn < 0.03
-    assert move < 0.01
+    flyer = FreeFlyer(SQUATTER, design.joint_names, np.array(REQUEST.home))
+    lowest, up = float(flyer.points[:, 2].min()), np.array([0.0, 0.0, 1.0])
+    turn, move = play(model, design, up, lowest, FEET)
+    trunk_turn, trunk_move = play(model, design, up, lowest)
+    assert turn < 0.02
+    assert move < 0.005
+    assert trunk_turn > 0.1
+    assert trunk_move > 0.03
