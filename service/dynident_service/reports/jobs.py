@@ -11,7 +11,7 @@ from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation, html_report, render_pdf
-from dynident.reports.report_request import MEDIA_TYPES, ReportChoices
+from dynident.reports.reported_data import MEDIA_TYPES, ReportChoices
 from dynident.text_encoding import encode_text
 from dynident_service.designs.adapters import restore_design
 from dynident_service.diagnoses.adapters import restore_diagnosis

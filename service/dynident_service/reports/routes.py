@@ -7,7 +7,7 @@ from dataclasses import replace
 from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 
-from dynident.reports.report_request import MEDIA_TYPES
+from dynident.reports.reported_data import MEDIA_TYPES
 from dynident_service.problems import make_unusable
 from dynident_service.reports.wire_types import ReportRequest, ReportView
 from dynident_service.shared.required_resources import (

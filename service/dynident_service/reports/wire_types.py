@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from dynident.reports.report_request import ReportChoices
+from dynident.reports.reported_data import ReportChoices
 from dynident_service.shared.request_bodies import derive_body
 from dynident_service.shared.wire_types import Computed, Identifier, NamedRequest, ViewModel
 

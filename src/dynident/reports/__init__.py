@@ -10,8 +10,7 @@ if TYPE_CHECKING:
     from dynident.presentation.tables import Cell, ReportedTable
     from dynident.reports.html_page import html_report
     from dynident.reports.pdf_report import render_pdf
-    from dynident.reports.report_request import ReportChoices
-    from dynident.reports.reported_data import ReportedRecording, ReportedValidation
+    from dynident.reports.reported_data import ReportChoices, ReportedRecording, ReportedValidation
 
 __all__ = [
     "Cell",

@@ -1,14 +1,37 @@
-"""What a report is made from: the list of its sections, and types of reported recordings and validations."""
+"""The request of a report (format, heading) and what it is made from: sections, reported recordings and validations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from dynident.diagnosis import Comparison
-from dynident.presentation.tables import ReportedTable
-from dynident.recordings import Check, Recording, RecordingMetadata, Revision
-from dynident.validation import ValidationOutcome
+from dynident.schema.fields import Request, declare_field
+
+if TYPE_CHECKING:
+    # A request is read without the code that answers it.
+    from dynident.diagnosis import Comparison
+    from dynident.presentation.tables import ReportedTable
+    from dynident.recordings import Check, Recording, RecordingMetadata, Revision
+    from dynident.validation import ValidationOutcome
+
+ReportFormat = Literal["html", "pdf", "json"]
+MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application/pdf", "json": "application/json"}
+
+
+@dataclass(frozen=True)
+class ReportChoices(Request):
+    """What a report is written as, and its heading.
+
+    Parameters
+    ----------
+    format : {"html", "pdf", "json"}
+        Format of the file.
+    name : str
+        The heading; the robot's name by default.
+    """
+
+    format: ReportFormat = declare_field("Format of the report", default="html", option="-")
+    name: str = declare_field("Heading of the report; the robot's name by default", default="", option="--title")
 
 
 @dataclass(frozen=True, eq=False)

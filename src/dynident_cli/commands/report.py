@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dynident.export.export_request import ENDINGS, FORMATS, ExportChoices
-from dynident.reports.report_request import MEDIA_TYPES, ReportChoices
+from dynident.reports.reported_data import MEDIA_TYPES, ReportChoices
 from dynident_cli.option_parsers import FILE_IN_FOLDER, READABLE_FILE
 from dynident_cli.request_options import RequestOptions, TypedValues
 from dynident_cli.shared_options import (
