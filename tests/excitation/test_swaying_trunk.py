@@ -24,6 +24,8 @@ from dynident.identification import IdentifiedParameter
 from dynident.motion import Margin, Standing
 from dynident.motion.joint_trajectories import FourierFamily
 from dynident.motion.limits.bounds import Bounds, build_bounds
+from dynident.presentation.design_tables import build_limits_table
+from dynident.reports.figures.design import draw_design
 from dynident.robot import Description, Limits, Robot, robot_from_description
 from dynident.robot.contacts import compute_contact_projection
 from dynident.robot.forward_kinematics import joint_frames
@@ -252,7 +254,6 @@ def record(design: Design, seed: int) -> dy.Recordings:
     flyer, states = follow_design(design)
     torque = np.array([flyer.compute_forces(state)[1] for state in states])
     torque += 0.5 * np.tanh(design.dq / 1e-3) + 0.3 * design.dq
-    # Forces that press one foot against the other do not show in the wrench: no sensor knows them.
     torque += 0.05 * rng.standard_normal(torque.shape)
     pose = np.array([state[0][:7] for state in states])
     table = {"t": design.t, **dict(zip(("base_x", "base_y", "base_z"), pose[:, :3].T, strict=True))}
@@ -341,6 +342,12 @@ def test_the_request_of_a_result_gives_the_same_motion_again() -> None:
     again = dy.design(squatter(), first.request)
     np.testing.assert_allclose(again.design.q, first.q, atol=1e-9)
     assert [name for name in again.to_frame().columns if name.startswith("q_left")]
+    table = {
+        tuple(cell.text for cell in row[:2]): row[3].text for row in build_limits_table(squatter(), first.margins).rows
+    }
+    assert table["base_x", "velocity"].endswith("0.250 m/s")
+    assert table["base_yaw", "position max"].endswith("0.150 rad")
+    assert "<svg" in draw_design(first, squatter())
     with pytest.raises(DynidentError, match="cannot be simulated"):
         again.simulate()
 

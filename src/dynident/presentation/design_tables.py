@@ -16,7 +16,9 @@ from dynident.motion import Margin
 from dynident.number_format import choose_time_unit, format_count, format_number, format_percent
 from dynident.presentation.labels import format_choice, get_effect_title
 from dynident.presentation.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.recordings.base_motion import POSITION
 from dynident.robot import Robot
+from dynident.robot.description_formats import BASE_JOINTS
 
 # Above this ratio of achieved to predicted standard deviation a row is marked as worse.
 _WORSE_RATIO = 3.0
@@ -149,6 +151,9 @@ def _get_limit_unit(robot: Robot, margin: Margin) -> str:
         return "m"
     if margin.limit in ("condition", "power", "friction"):
         return "W" if margin.limit == "power" else ""
+    if margin.joint in BASE_JOINTS["floating"]:
+        # Of a trunk that sways over its feet; the robot itself is one with a fixed base.
+        return ("m" if margin.joint in POSITION else "rad") + _UNITS[margin.limit]
     described = robot.tree.joints[robot.tree.joint_names.index(margin.joint)]
     if margin.limit == "torque":
         return described.effort_unit
