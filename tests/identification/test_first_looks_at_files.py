@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.drawn_recordings import FloatArray, log, log_of
+from support.drawn_recordings import FloatArray, guess, log, log_of
 from support.logger_layouts import cells, table
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
@@ -193,3 +193,15 @@ def test_a_first_moment_on_an_axis_that_rounding_tilts_is_no_base_parameter() ->
         signals = Signals(robot)
         base = find_base_parameters(robot, build_columns([EffectChoice("rigid_body")], signals), signals)
         assert ("MX1" in {base.names[k] for k in base.kept}) == has_moment
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wrist_that_turns_beyond_its_limits_is_in_the_unit_of_the_others(seed: int) -> None:
+    motion = fourier_motion(ROBOT, 20.0, 100.0, seed)
+    # More than the two turns of the description, as wrists do that turn without end.
+    size = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 16.0 / np.ptp(motion.q[:, 5])])
+    q, dq, ddq = motion.q * size, motion.dq * size, motion.ddq * size
+    tau = pinocchio_torque(ROBOT, q, dq, ddq) + 5.0 * np.sign(dq) + dq
+    columns = {"t": motion.t} | {f"q{j + 1}": q[:, j] for j in range(6)} | {f"tau{j + 1}": tau[:, j] for j in range(6)}
+    found = {each.field: each.value for each in guess(ROBOT, columns).guesses}
+    assert found["units/q"] == "rad"
