@@ -221,7 +221,7 @@ def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collec
     counted: dict[tuple[str, ...], list[ColumnName]] = {}
     for column in named:
         if len(column.numbers) == 1:
-            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
+            counted.setdefault(tuple(word for word in column.words if not word.isdecimal()), []).append(column)
     for members in sorted(counted.values(), key=lambda own: (own[0].signal not in signals, own[0].rank)):
         numbers = sorted(column.numbers[0] for column in members)
         is_counted = numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1)
@@ -351,7 +351,7 @@ def describe_unused_columns(named: Sequence[ColumnName], columns: Mapping[str, s
 
 
 def _get_number(column: ColumnName) -> tuple[str, ...]:
-    return tuple(word for word in column.words if word.isdigit()) or column.words
+    return tuple(word for word in column.words if word.isdecimal()) or column.words
 
 
 def describe_still_joints(names: Sequence[str], q: FloatArray) -> list[Guess]:

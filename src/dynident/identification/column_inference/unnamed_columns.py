@@ -275,7 +275,7 @@ def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]
         Numbers of the columns in question.
     """
     numbers = [named[index].numbers for index in columns]
-    stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
+    stems = {tuple(word for word in named[index].words if not word.isdecimal()) for index in columns}
     if len(stems) != 1 or any(len(number) != 1 for number in numbers) or len(set(numbers)) < len(numbers):
         return columns
     return [columns[place] for place in np.argsort([number[0] for number in numbers])]
@@ -356,7 +356,7 @@ def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
     groups : sequence of ColumnGroup
         Groups of one signal and rank, at least one.
     """
-    words = [{word for word in group.named.words if not word.isdigit()} for group in groups]
+    words = [{word for word in group.named.words if not word.isdecimal()} for group in groups]
     shortest = min(
         range(len(groups)), key=lambda place: (len(words[place] - {"measured"}), "measured" not in words[place])
     )
