@@ -205,3 +205,25 @@ def test_a_wrist_that_turns_beyond_its_limits_is_in_the_unit_of_the_others(seed:
     columns = {"t": motion.t} | {f"q{j + 1}": q[:, j] for j in range(6)} | {f"tau{j + 1}": tau[:, j] for j in range(6)}
     found = {each.field: each.value for each in guess(ROBOT, columns).guesses}
     assert found["units/q"] == "rad"
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_columns_that_only_their_smoothness_tells_apart_are_asked_about(seed: int) -> None:
+    given = log("ur10", seed, duration=8.0)
+    noise = np.random.default_rng(seed).normal(size=given.tau.shape)
+    asked = {}
+    for kind, rough in (("noise", noise), ("torque", given.tau)):
+        values = np.column_stack([given.t, given.q, rough])
+        nameless = {f"column{k + 1}": values[:, k] for k in range(values.shape[1])}
+        asked[kind] = [question.field for question in guess(ROBOT, nameless).questions]
+    assert "columns/q" in asked["noise"]
+    assert "columns/q" not in asked["torque"]
+
+
+@pytest.mark.parametrize(("period", "is_asked"), [(1.3, True), (2.0 * np.pi, False)])
+def test_positions_that_begin_again_where_no_turn_ends_are_to_be_unwrapped(period: float, is_asked: bool) -> None:
+    given = log("ur10", 2)
+    q = given.q.copy()
+    q[:, 0] = np.mod(q[:, 0] - q[:, 0].mean(), period) - 0.5 * period
+    asked = [question.detail for question in guess(ROBOT, given.columns(q=q)).questions]
+    assert any("unwrap(q, period=1.3" in detail for detail in asked) is is_asked

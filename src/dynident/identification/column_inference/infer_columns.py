@@ -38,6 +38,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     Question,
     ask_for_unit_of_time,
     ask_to_lock_still_joints,
+    ask_to_unwrap,
     describe_constant_columns,
     describe_further_joints,
     describe_gear_ratios,
@@ -220,8 +221,7 @@ class _ColumnInference(WorkingProposal):
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
         # Where there are others, theta is the angle of the motor.
         known = self._list_groups(groups, None, "q")
-        candidates = sorted(known, key=lambda group: (group.rank, "theta" in group.named.words))
-        if not candidates:
+        if not (candidates := sorted(known, key=lambda group: (group.rank, "theta" in group.named.words))):
             if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
                 return None
@@ -240,6 +240,7 @@ class _ColumnInference(WorkingProposal):
                 "columns/q", f"{self.name_columns(candidates[0])} are commanded positions: where are the measured ones?"
             )
         self.assign_columns("q", candidates[0])
+        self.questions += ask_to_unwrap(self.name_columns(candidates[0]), self.values[:, list(candidates[0].columns)])
         return candidates[0]
 
     def _choose_effort(

@@ -469,15 +469,16 @@ def _order_by_joint(
     counted = pool != sorted(pool)
     reason = f"{kinds.reason}; the joints are in the order of {'their numbers' if counted else 'the file'}"
     if regular and counted and _is_file_order_as_good(kinds, measure):
-        detail = "The numbers of the joints and their order in the file differ: which order is right?"
-        work.add_question("columns", detail)
+        work.add_question("columns", "The numbers of the joints and their order in the file differ: which is right?")
     if not regular:
-        detail = "Neither the names nor the order of the columns show which joint they belong to."
-        work.add_question("columns", detail)
+        work.add_question("columns", "Neither the names nor the order of the columns show which joint they belong to.")
         q, tau = work.values[:, positions], work.values[:, efforts]
         order, _ = assign_torques(work.t, q, tau)
         efforts = [efforts[index] for index in order]
     groups = [ColumnGroup(tuple(positions), "q", None, 0, named[0], reason)]
+    if efforts and not kinds.rates and measure(kinds.positions, kinds.efforts) > _EXPLAINED:
+        detail = "Only how smooth they are tells positions from torques: name them, q1, tau1 and so on."
+        work.add_question("columns/q", detail, work.sample.names)
     if efforts:
         groups.append(ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason))
     if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
