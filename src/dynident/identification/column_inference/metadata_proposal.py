@@ -331,7 +331,7 @@ def describe_waves(named: Sequence[ColumnName]) -> str:
 
 
 _TURNS = (1.0, 2.0 * np.pi, 360.0, 400.0, 2000.0 * np.pi)
-"""A turn in the units of angles: positions that wrap there, or after half of it, are made continuous as they are read."""
+"""A turn in units of angles: positions that wrap there, or after half of it, are made continuous as they are read."""
 _JUMP, _STEP, _FEWEST_WRAPS, _LIKE = 0.9, 0.1, 2, 0.02
 """Shares of its range that a counter jumps by at least, and moves otherwise at most; how often; how near a turn is."""
 
