@@ -227,3 +227,13 @@ def test_positions_that_begin_again_where_no_turn_ends_are_to_be_unwrapped(perio
     q[:, 0] = np.mod(q[:, 0] - q[:, 0].mean(), period) - 0.5 * period
     asked = [question.detail for question in guess(ROBOT, given.columns(q=q)).questions]
     assert any("unwrap(q, period=1.3" in detail for detail in asked) is is_asked
+
+
+def test_rows_without_a_motion_are_said_to_have_none_where_their_unit_is_asked() -> None:
+    given = log("ur10", 2, duration=8.0)
+    noise = np.random.default_rng(0).normal(size=given.q.shape)
+    # Readings of a joint that stands go to and fro by a count, which is no counter that begins again.
+    at_rest = given.q[0] + 1e-3 * np.rint(0.5 * noise)
+    asked = guess(ROBOT, given.columns(q=at_rest, tau=given.tau[0] + 0.1 * noise)).questions
+    assert [each.field for each in asked if each.field.startswith("columns")] == []
+    assert any("no joint moves by more than 0.00" in each.detail for each in asked if each.field == "units/q")

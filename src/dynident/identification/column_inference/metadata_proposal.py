@@ -348,7 +348,8 @@ def ask_to_unwrap(names: str, q: FloatArray) -> list[Question]:
         before = steps[np.maximum(jumps - 1, 0)]
         period = float(f"{np.median(np.abs(steps[jumps] - before)):.3g}")
         is_turn = any(abs(period / turn / half - 1.0) < _LIKE for turn in _TURNS for half in (0.5, 1.0))
-        if is_turn or np.mean(before * steps[jumps] < 0.0) < 0.5:
+        goes_on = (before * steps[jumps] < 0.0) & (np.abs(before) <= _STEP * span)
+        if is_turn or goes_on.mean() < 0.5:
             continue
         detail = (
             f"{names} jump by {period:g}, {len(jumps)} times, from one end of their range to the other: a counter "
