@@ -237,3 +237,12 @@ def test_rows_without_a_motion_are_said_to_have_none_where_their_unit_is_asked()
     asked = guess(ROBOT, given.columns(q=at_rest, tau=given.tau[0] + 0.1 * noise)).questions
     assert [each.field for each in asked if each.field.startswith("columns")] == []
     assert any("no joint moves by more than 0.00" in each.detail for each in asked if each.field == "units/q")
+
+
+def test_a_torque_that_stands_twice_in_a_file_is_not_asked_about() -> None:
+    given = log("ur10", 2)
+    dq = np.gradient(given.q, given.t, axis=0)
+    values = np.column_stack([given.t, given.q, dq, given.tau, given.tau])
+    twice = guess(ROBOT, {f"column{k + 1}": values[:, k] for k in range(values.shape[1])})
+    assert "columns/tau" not in [question.field for question in twice.questions]
+    assert twice.columns["tau1"] == "column14"
