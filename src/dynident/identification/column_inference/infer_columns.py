@@ -288,7 +288,7 @@ class _ColumnInference(WorkingProposal):
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal and (plain := find_plainest_group([best, *equal])) is not None:
             best, equal = plain, []
-        if equal and not hold_same_values(self.values, [best, *equal]):
+        if equal and not hold_same_values(self.values, [best, *equal], share=0.0):
             names = tuple(self.name_columns(group) for group in [best, *equal])
             note = " State currents as current1, current2, …" * (best.signal == "effort")
             self.add_question("columns/tau", f"Several sets of columns could be the torque: which one?{note}", names)

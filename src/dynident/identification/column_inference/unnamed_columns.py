@@ -332,20 +332,20 @@ _SAME = 0.01
 """Share of its spread by which two topics of one position differ: the slower is interpolated between its samples."""
 
 
-def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
+def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup], share: float = _SAME) -> bool:
     """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation.
 
     Parameters
     ----------
-    values : (m, c)
-        Values of all columns.
-    groups : sequence of ColumnGroup
-        The groups to compare, at least one.
+    values, groups : (m, c), sequence of ColumnGroup
+        Values of all columns; the groups to compare, at least one.
+    share : float
+        Of their spread, by which they may differ.
     """
     first, *others = (values[:, list(group.columns)] for group in groups)
     # A joint that stands has no spread of its own to compare with.
     spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
-    return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
+    return all(bool((np.abs(other - first).mean(axis=0) <= share * spread).all()) for other in others)
 
 
 def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
