@@ -284,17 +284,17 @@ class _ColumnInference(WorkingProposal):
             detail += self._describe_candidates(groups, _EFFORTS, "torque")
             self.add_question("columns/tau", detail, self.sample.names)
             return None, "unknown"
-        best = candidates[0]
+        best, *others = candidates
+        candidates = [best, *(each for each in others if not hold_same_values(self.values, [best, each], share=0.0))]
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal and (plain := find_plainest_group([best, *equal])) is not None:
             best, equal = plain, []
-        if equal and not hold_same_values(self.values, [best, *equal], share=0.0):
+        if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
             note = " State currents as current1, current2, …" * (best.signal == "effort")
             self.add_question("columns/tau", f"Several sets of columns could be the torque: which one?{note}", names)
         self.further_efforts = [self.name_columns(group) for group in candidates if group is not best]
-        kind = read_effort_kind(best.signal, best.named, best.rank)
-        if kind in NO_MEASUREMENT:
+        if (kind := read_effort_kind(best.signal, best.named, best.rank)) in NO_MEASUREMENT:
             self.refuse_kind(kind, self.name_columns(best))
         elif (question := self._ask_to_lock_fingers(position, best)) is not None:
             self.questions.append(question)
