@@ -107,7 +107,7 @@ class BodyLimit:
         allowed = get_allowance(scope, self._settings)
         length = Headers(scope=scope).get("content-length", "")
         # Refused by its announced length, before any of it is read.
-        if length.isdigit() and int(length) > allowed.bytes:
+        if length.isdecimal() and int(length) > allowed.bytes:
             problem = make_problem(413, _describe_size_limit(allowed))
             return await respond(problem, {"connection": "close"})(scope, receive, send)
         meter = _Meter(allowed, self._settings)
@@ -316,7 +316,7 @@ def _classify_request(scope: Scope) -> Pace:
     if scope["path"].endswith(("/events", "/estimates")):
         return "following"
     length = Headers(scope=scope).get("content-length", "0")
-    return "short" if length.isdigit() and int(length) <= SHORT_BODY else "long"
+    return "short" if length.isdecimal() and int(length) <= SHORT_BODY else "long"
 
 
 def _describe_size_limit(allowed: Allowance) -> str:
@@ -379,7 +379,7 @@ class UploadRoom:
         if scope["type"] != "http" or not is_upload(scope):
             return await self._app(scope, receive, send)
         length = Headers(scope=scope).get("content-length", "")
-        upload = _Upload(get_account(), int(length) if length.isdigit() else 0)
+        upload = _Upload(get_account(), int(length) if length.isdecimal() else 0)
         # Counted from here on, before a byte has come: uploads that begin at once see each other.
         self._coming[upload] = None
         try:

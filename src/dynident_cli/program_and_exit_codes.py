@@ -39,7 +39,7 @@ def print_error(error: DynidentError, as_json: bool, option_names: Collection[st
     # A place in a request is an option here; a path of a file may begin with a slash, too.
     _, field, *keys = [*error.pointer.split("/"), ""] if error.pointer.startswith("/") else ["", ""]
     if field in option_names:
-        names = [key for key in keys if key and not key.isdigit()]
+        names = [key for key in keys if key and not key.isdecimal()]
         option = "--" + field.replace("_", "-")
         where = f"{' '.join([option, *names])}: "
     detail = word_remedies(error.detail, error.remedies, write_option)

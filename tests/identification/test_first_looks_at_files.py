@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.drawn_recordings import FloatArray, log, log_of
+from support.drawn_recordings import FloatArray, guess, log, log_of
 from support.logger_layouts import cells, table
 from support.oracles import arm, fourier_motion, pinocchio_torque
 
@@ -193,3 +193,56 @@ def test_a_first_moment_on_an_axis_that_rounding_tilts_is_no_base_parameter() ->
         signals = Signals(robot)
         base = find_base_parameters(robot, build_columns([EffectChoice("rigid_body")], signals), signals)
         assert ("MX1" in {base.names[k] for k in base.kept}) == has_moment
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wrist_that_turns_beyond_its_limits_is_in_the_unit_of_the_others(seed: int) -> None:
+    motion = fourier_motion(ROBOT, 20.0, 100.0, seed)
+    # More than the two turns of the description, as wrists do that turn without end.
+    size = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 16.0 / np.ptp(motion.q[:, 5])])
+    q, dq, ddq = motion.q * size, motion.dq * size, motion.ddq * size
+    tau = pinocchio_torque(ROBOT, q, dq, ddq) + 5.0 * np.sign(dq) + dq
+    columns = {"t": motion.t} | {f"q{j + 1}": q[:, j] for j in range(6)} | {f"tau{j + 1}": tau[:, j] for j in range(6)}
+    found = {each.field: each.value for each in guess(ROBOT, columns).guesses}
+    assert found["units/q"] == "rad"
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_columns_that_only_their_smoothness_tells_apart_are_asked_about(seed: int) -> None:
+    given = log("ur10", seed, duration=8.0)
+    noise = np.random.default_rng(seed).normal(size=given.tau.shape)
+    asked = {}
+    for kind, rough in (("noise", noise), ("torque", given.tau)):
+        values = np.column_stack([given.t, given.q, rough])
+        nameless = {f"column{k + 1}": values[:, k] for k in range(values.shape[1])}
+        asked[kind] = [question.field for question in guess(ROBOT, nameless).questions]
+    assert "columns/q" in asked["noise"]
+    assert "columns/q" not in asked["torque"]
+
+
+@pytest.mark.parametrize(("period", "is_asked"), [(1.3, True), (2.0 * np.pi, False)])
+def test_positions_that_begin_again_where_no_turn_ends_are_to_be_unwrapped(period: float, is_asked: bool) -> None:
+    given = log("ur10", 2)
+    q = given.q.copy()
+    q[:, 0] = np.mod(q[:, 0] - q[:, 0].mean(), period) - 0.5 * period
+    asked = [question.detail for question in guess(ROBOT, given.columns(q=q)).questions]
+    assert any("unwrap(q, period=1.3" in detail for detail in asked) is is_asked
+
+
+def test_rows_without_a_motion_are_said_to_have_none_where_their_unit_is_asked() -> None:
+    given = log("ur10", 2, duration=8.0)
+    noise = np.random.default_rng(0).normal(size=given.q.shape)
+    # Readings of a joint that stands go to and fro by a count, which is no counter that begins again.
+    at_rest = given.q[0] + 1e-3 * np.rint(0.5 * noise)
+    asked = guess(ROBOT, given.columns(q=at_rest, tau=given.tau[0] + 0.1 * noise)).questions
+    assert [each.field for each in asked if each.field.startswith("columns")] == []
+    assert any("no joint moves by more than 0.00" in each.detail for each in asked if each.field == "units/q")
+
+
+def test_a_torque_that_stands_twice_in_a_file_is_not_asked_about() -> None:
+    given = log("ur10", 2)
+    dq = np.gradient(given.q, given.t, axis=0)
+    values = np.column_stack([given.t, given.q, dq, given.tau, given.tau])
+    twice = guess(ROBOT, {f"column{k + 1}": values[:, k] for k in range(values.shape[1])})
+    assert "columns/tau" not in [question.field for question in twice.questions]
+    assert twice.columns["tau1"] == "column14"

@@ -650,7 +650,8 @@ def test_a_load_that_the_description_lacks_is_no_other_zero_of_the_last_joint() 
     assert [one.check for one in found.questions] == []
 
 
-def test_groups_of_a_scope_that_share_a_time_are_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_groups_of_a_scope_that_share_a_time_are_read(tmp_path: Path, is_cut: bool) -> None:
     """Tabs and decimal commas, and two groups of channels at rates of their own, each with its time first."""
     given = log("ur10", 1, duration=10.0)
     groups = ((1, "Axis{}.ActPos", "° (Angle)", np.rad2deg(given.q)), (2, "Axis{}.ActTrq", "(None)", given.tau))
@@ -667,8 +668,11 @@ def test_groups_of_a_scope_that_share_a_time_are_read(tmp_path: Path) -> None:
         for every, _, _, values in groups:
             at = row * every
             inside = at < len(given.t)
-            cells += [f"{1e3 * t * every:g}", *(f"{x:.6f}" for x in values[at])] if inside else [""] * 7
-        lines.append("\t".join(cells).replace(".", ","))
+            # The first row may be of zeros, without a comma.
+            cells += [f"{1e3 * t * every:g}", *(f"{x:.6f}" if row else "0" for x in values[at])] if inside else [""] * 7
+        # Lines end where the channels do.
+        line = "\t".join(cells).replace(".", ",")
+        lines.append(line.rstrip("\t") if is_cut else line)
     (tmp_path / "scope.txt").write_bytes("\n".join(lines).encode("cp1252"))
     proposal = inspect_file(tmp_path / "scope.txt", given.robot).proposal
     assert proposal.questions == ()
@@ -754,6 +758,13 @@ def test_lines_of_a_plotter_may_hold_several_samples_and_others_are_counted(tmp_
     values = np.concatenate([batch.column("value_tau1").to_numpy() for batch in source.batches(["value_tau1"])])
     np.testing.assert_allclose(values, 0.5 * np.arange(600))
     assert any("2 rows have another number of cells" in remark and "boot" in remark for remark in source.remarks)
+
+
+def test_what_a_channel_holds_may_stand_below_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "graph.csv"
+    rows = [f"{0.5 * k},{k % 50},{k % 7}" for k in range(100)]
+    path.write_text("\n".join(["Time,Analog 1,Analog 2", "ms,Position feedback,Servo motor torque", *rows, ""]))
+    assert open_source(path, None).names == ["Time_ms", "Analog 1_Position feedback", "Analog 2_Servo motor torque"]
 
 
 def test_names_in_two_lines_are_no_channels_of_a_scope(tmp_path: Path) -> None:
@@ -1157,6 +1168,10 @@ def test_a_unit_may_stand_before_the_joints_number_and_beside_an_index_in_bracke
         None,
     ]
     assert read_names(["Sensors/theta[3]"], {"Sensors/theta[3]": "°"})[0].numbers == (3,)
+
+
+def test_digits_above_the_line_are_no_numbers_of_joints() -> None:
+    assert [name.numbers for name in read_names(["q1", "note²", "x³ 2"], {})] == [(1,), (), (2,)]
 
 
 def test_words_without_spaces_between_them_are_told_apart() -> None:

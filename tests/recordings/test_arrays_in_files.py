@@ -471,6 +471,13 @@ def test_what_only_matlab_can_read_says_how_to_save_it(tmp_path):
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + table)
     with pytest.raises(RecordingError, match=r"log is an object of MATLAB \(table\): .* writetable\(log, 'run.csv'\)"):
         open_source(path, None)
+    # In a cell it has no name of its own.
+    texts = (element(1, word) for word in (b"", b"MCOS", b"timetable"))
+    inner = element(14, element(6, np.array([17, 0], dtype="<u4").tobytes()) + b"".join(texts) + numbers_of_object)
+    head = element(6, np.array([1, 0], dtype="<u4").tobytes()) + element(5, np.array([1, 1], dtype="<i4").tobytes())
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + element(14, head + element(1, b"runs") + inner))
+    with pytest.raises(RecordingError, match=r"^runs1? is an object of MATLAB \(timetable\): .* writetimetable\(runs"):
+        open_source(path, None)
     with h5py.File(tmp_path / "logged.mat", "w") as file:
         file["data"] = np.zeros((1, 6), dtype="u4")
         file["data"].attrs["MATLAB_class"] = np.bytes_("Simulink.SimulationData.Dataset")

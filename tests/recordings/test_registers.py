@@ -110,3 +110,18 @@ def test_single_corrupted_samples_make_no_register() -> None:
     counts = np.abs(np.rint(300 * tau / np.abs(tau).max(axis=0)))
     counts[500, 2] = 1100.0
     assert find_register(counts, np.ones(len(counts) - 1, dtype=bool)) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_torques_of_an_arm_that_come_to_0_and_never_below_have_lost_their_signs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Coarse readings, as of a servo: several rows are 0 where the torque changes its sign.
+    signed = np.cumsum(rng.normal(size=(2000, 3)), axis=0)
+    signed -= signed.mean(axis=0)
+    coarse = np.rint(8.0 * np.abs(signed) / np.abs(signed).max(axis=0)) * 0.0228
+    found = check_lost_sign(coarse, ["a", "b", "c"])
+    assert found is not None
+    assert found.detail.startswith("No torque is ever below 0, though a … c all come down to it")
+    # A joint whose load is never lifted says that the others may be held on one side as well; so may two.
+    assert check_lost_sign(coarse + np.array([0.0, 0.0, 0.1]), ["a", "b", "c"]) is None
+    assert check_lost_sign(coarse[:, :2], ["a", "b"]) is None

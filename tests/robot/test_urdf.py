@@ -211,3 +211,13 @@ def test_links_without_a_mass_need_no_torque_of_their_own() -> None:
     torque = compute_described_torque(bare, q, dq, ddq)
     assert np.isfinite(torque).all()
     np.testing.assert_allclose(torque[:, -1], 0.0, atol=1e-12)
+
+
+def test_a_world_that_no_element_describes_is_a_link_without_mass():
+    welded = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    arm = (
+        '<link name="base"/><link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="base"/><child link="arm"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    assert robot_from_urdf("one", f'<robot name="one">{welded}{arm}</robot>').joint_names == ("j",)

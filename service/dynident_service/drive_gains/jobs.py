@@ -90,7 +90,7 @@ def _map_error_pointers(unloaded: str, loaded: str, count: int) -> Iterator[None
         yield
     except DynidentError as error:
         _, field, *rest = error.pointer.split("/") if error.pointer.startswith("/") else ("", "")
-        if field == "measurement_ids" and rest and rest[0].isdigit():
+        if field == "measurement_ids" and rest and rest[0].isdecimal():
             index = int(rest[0])
             error.pointer = f"{unloaded}/{index}" if index < count else f"{loaded}/{index - count}"
         elif field == "unloaded_ids":

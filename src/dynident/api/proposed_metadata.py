@@ -110,7 +110,7 @@ def _take_over_answers(proposal: Proposal, known: RecordingMetadata) -> Proposal
     )
     own_kinds, known_kinds = {*map(_signal_kind, proposal.columns)}, {*map(_signal_kind, known.columns)}
     # Numbered columns of a file without names may be anything in another one.
-    is_named = not any(column.removeprefix("column").isdigit() for column in known.columns.values())
+    is_named = not any(column.removeprefix("column").isdecimal() for column in known.columns.values())
     if (
         not open_questions
         or not is_named

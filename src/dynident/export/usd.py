@@ -174,7 +174,7 @@ def _make_prim_names(names: Sequence[str]) -> list[str]:
     unique: list[str] = []
     for name in names:
         plain = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in name) or "_"
-        if plain[0].isdigit():
+        if plain[0].isdecimal():
             plain = f"_{plain}"
         while plain in (*unique, _BASE, f"{_BASE}_mount", "scene"):
             plain += "_"

@@ -135,7 +135,7 @@ def _list_other_parts(joints: RecordedJoints | None) -> set[str]:
 def _rank_body(parts: set[str], before: str, others: set[str]) -> int | None:
     """Return the rank of the base's name among the words of a name, by those `before` the signal; else None."""
     rank = next((k for k, body in enumerate(_BODIES) if body in parts), None)
-    words = {word for word in before.split("_") if word and not word.isdigit()}
+    words = {word for word in before.split("_") if word and not word.isdecimal()}
     # A sensor is the base's where nothing says that it is elsewhere: on a foot, in a hand.
     is_sensor = rank is not None and _BODIES[rank] in _SENSORS
     return None if words & others or (is_sensor and words - _OF_NO_PART) else rank

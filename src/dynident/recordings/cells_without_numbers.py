@@ -111,7 +111,7 @@ def expand_lists(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, 
 
 def make_counted_names(name: str, length: int) -> tuple[str, ...]:
     """Return names for the places of a list: q1, q2, …."""
-    joint = "_" if name[-1:].isdigit() else ""
+    joint = "_" if name[-1:].isdecimal() else ""
     return tuple(f"{name}{joint}{index + 1}" for index in range(length))
 
 

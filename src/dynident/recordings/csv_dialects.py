@@ -168,7 +168,7 @@ _REMARKS = ("comment", "remark", "kommentar")  # above columns whose cells are m
 
 def _count_rows(cells: Sequence[str]) -> bool:
     """Return whether cells count rows, or are words."""
-    numbers = [int(cell) for cell in cells if cell.isdigit()]
+    numbers = [int(cell) for cell in cells if cell.isdecimal()]
     if not numbers:
         return not any(map(_is_number, cells))
     return len(numbers) == len(cells) and all(after == before + 1 for before, after in itertools.pairwise(numbers))
@@ -187,8 +187,7 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     if body == first:
         return None
     delimiter = next((sign for sign in "\t;|," if sign in lines[body]), ",")
-    fields = _split_fields(lines[body], delimiter)
-    width = len(fields)
+    width = len(_split_fields(lines[body], delimiter))
     head: dict[str, list[str]] = {}
     clocks = set(range(width))
     for line in lines[first:body]:
@@ -221,7 +220,7 @@ def _read_channel_head(lines: list[str], first: int) -> tuple[str, bool, _Header
     # Units stand with their kind: "° (Angle)", or "(None)".
     stated = {by_place[place]: head["unit"][place].partition("(")[0].strip() for place in channels if "unit" in head}
     units |= {name: unit for name, unit in stated.items() if unit and _UNIT.match(unit)}
-    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
+    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for row in below for cell in row)
     return delimiter, comma, _Header(tuple(columns), body, units, clock_of)
 
 
@@ -259,10 +258,11 @@ def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     names = _join_merged_heads(names, _split_fields(lines[header - 1], delimiter) if header else [])
     rows = header + 1
     delimiter = _find_delimiter_of_rows(lines[rows : rows + 20], len(names)) or delimiter
-    if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
-        # Names in two lines: of the signal, which is repeated, and of the joint.
+    repeats = sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines)
+    if repeats or _is_second_line_of_names(lines, rows, delimiter, names):
+        # Names in two lines: of the signal, which is repeated, and of the joint; or of a channel and what it holds.
         second = _split_fields(lines[rows], delimiter)
-        if len(second) == len(names) and all(cell.isdigit() or not _is_number(cell) for cell in second):
+        if len(second) == len(names) and all(cell.isdecimal() or not _is_number(cell) for cell in second):
             both = tuple("_".join(part for part in pair if part) for pair in zip(names, second, strict=True))
             if len(set(both)) == len(both):
                 names, rows = both, rows + 1
@@ -487,6 +487,13 @@ def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str,
     if any(cell and _is_number(cell) for cell in fields):
         return {}
     return _list_units(fields, names)
+
+
+def _is_second_line_of_names(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> bool:
+    """Tell whether words, too long for units, stand below all names, and numbers below them."""
+    cells = _split_fields(lines[number], delimiter) if number + 1 < len(lines) and _is_data(lines[number + 1]) else []
+    are_words = len(cells) == len(names) and all(cell and not _is_number(cell) for cell in cells)
+    return are_words and not _read_units(lines, number, delimiter, names)
 
 
 def _list_units(cells: Sequence[str], names: Sequence[str]) -> dict[str, str]:

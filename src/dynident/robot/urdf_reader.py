@@ -298,6 +298,9 @@ def _get_linked(name: str, joint: Element, end: str, links: dict[str, Element], 
     line = (element or joint).line
     if not link:
         raise fail(f"Joint '{name}' refers to no {end} link; expected <{end} link=\\\"…\\\"/>.", line)
+    if link == "world" and end == "parent":
+        # Drake's models weld their base to a world that no element describes.
+        links.setdefault(link, Element("link", {"name": link}, line))
     if link not in links:
         raise fail(f"The {end} link '{link}' of joint '{name}' does not exist; links: {join_names(links)}.", line)
     return link

@@ -106,7 +106,7 @@ _NOISE = 1.0
 
 def select_axes_in_use(groups: Sequence[ColumnGroup], values: FloatArray) -> list[ColumnGroup]:
     """Return the groups that move, where a number alone tells their names apart: of several drives one is in use."""
-    stems = {tuple(word for word in group.named.words if not word.isdigit()) for group in groups}
+    stems = {tuple(word for word in group.named.words if not word.isdecimal()) for group in groups}
     # Units of other axes may differ, and sizes say nothing. What stands still is noise, or has one value or none.
     rough = [compute_roughness(values[:, list(group.columns)]) for group in groups]
     in_use = [group for group, size in zip(groups, rough, strict=True) if ((size > 0.0) & (size < _NOISE)).any()]
@@ -339,7 +339,7 @@ def find_incomplete_groups(
         elif hit is not None:
             by_stem.setdefault(hit[1], {}).setdefault(hit[0], index)
         elif len(column.numbers) == 1:
-            stem = tuple("#" if word.isdigit() else word for word in column.words)
+            stem = tuple("#" if word.isdecimal() else word for word in column.words)
             numbered.setdefault(stem, {}).setdefault(column.numbers[0], index)
     for stem, members in numbered.items():
         # Joints are counted from 0 or from 1; not beside more that are not counted.
@@ -473,7 +473,7 @@ def _list_counted_columns(named: Sequence[ColumnName], used: set[int], n: int, c
     stems = _Stems()
     for index, column in enumerate(named):
         for place, word in enumerate(column.words if index not in used else ()):
-            if word.isdigit():
+            if word.isdecimal():
                 stem = (*column.words[:place], "#", *column.words[place + 1 :])
                 stems.setdefault(stem, {}).setdefault(int(word), index)
     for members in stems.values():

@@ -238,7 +238,7 @@ def read_names(
     others = {column.name for column in (*find_waves(columns), *_find_pose(columns, spellings))}
     # One time is enough: beside it t1, t2, … are counted as joints are, and may be torques.
     is_timed = any(column.signal == "t" and not column.numbers for column in columns)
-    counted = {c.name for c in columns if is_timed and c.numbers and {w for w in c.words if not w.isdigit()} == {"t"}}
+    counted = {c.name for c in columns if is_timed and c.numbers and {w for w in c.words if not w.isdecimal()} == {"t"}}
     return [
         replace(column, signal="other" if column.name in others else None)
         if column.name in others or column.name in counted
@@ -284,7 +284,7 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     inner = bracket.group(1) if bracket else ""
     stated = _UNITS.get(_normalise_unit(unit or inner))
     # A number in brackets is an index, {joint="elbow"} part of the name; anything else is a unit, a known one or not.
-    is_named = bracket is None or ((stated is None or bool(unit)) and (inner.isdigit() or "=" in inner))
+    is_named = bracket is None or ((stated is None or bool(unit)) and (inner.isdecimal() or "=" in inner))
     text = name if bracket is None or is_named else name[: bracket.start()]
     # The number of the joint may stand behind the unit: torque_cNm_1.
     behind = number.group() if (number := _NUMBER_BEHIND.search(text)) else ""
@@ -304,22 +304,22 @@ def read_name(name: str, unit: str = "", spellings: Sequence[tuple[str, ...]] = 
     strange_unit = inner if stated is None and _STRANGE_UNIT.match(inner) else ""
     if stated is None and not unit and not strange_unit and is_of_rated:
         stated = "permille"
-    everything = [word for word in words if not word.isdigit()]
-    plain = [word for word in (*words[:place], *words[place + length :]) if not word.isdigit()]
+    everything = [word for word in words if not word.isdecimal()]
+    plain = [word for word in (*words[:place], *words[place + length :]) if not word.isdecimal()]
     is_letter = bool(plain) and length == 1 == len(words[place])
     signal = _classify_signal(plain) or (None if is_letter else _classify_signal(everything))
     # The letter q also stands for an axis of a motor's field: what is in A is a current.
     if signal == "q" and stated in ("A", "mA"):
         signal = "current"
     # A joint may be called so, too; the end effector's place is counted, or along axes.
-    if _END_EFFECTOR & set(words) and any(word.isdigit() or word in _AXES for word in words):
+    if _END_EFFECTOR & set(words) and any(word.isdecimal() or word in _AXES for word in words):
         signal = "other"
     return ColumnName(
         name,
         signal,
         stated,
         words,
-        tuple(int(word) for word in words if word.isdigit()),
+        tuple(int(word) for word in words if word.isdecimal()),
         commanded=any(word in _COMMANDED for word in plain),
         measured=any(word in _MEASURED for word in plain),
         external=any(word in _EXTERNAL for word in plain),
@@ -344,9 +344,9 @@ def list_spellings(name: str) -> list[tuple[str, ...]]:
     bare = tuple(word for word in words if word != "joint")
 
     def is_name(spelling: tuple[str, ...]) -> bool:
-        counted = any(word.isdigit() for word in spelling)
+        counted = any(word.isdecimal() for word in spelling)
         # Several general words without a number, such as axis_a, are a name all the same.
-        return any(not word.isdigit() and word not in _JOINT for word in spelling) or (
+        return any(not word.isdecimal() and word not in _JOINT for word in spelling) or (
             len(spelling) > 1 and not counted
         )
 
@@ -401,11 +401,11 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
         return words[:-2], "ns"
     if stated is None and len(words) >= 2 and words[-1] in _SUFFIXES:
         # A single letter counts as a unit, too: i_1_a is in amperes. Of another signal it is an axis: pulse_s.
-        signal = _classify_signal([word for word in words[:-1] if not word.isdigit()])
+        signal = _classify_signal([word for word in words[:-1] if not word.isdecimal()])
         if len(words[-1]) > 1 or signal in (None, "effort", get_signal_of_unit(_UNITS[words[-1]])):
             return words[:-1], _UNITS[words[-1]]
     # The joint's number may stand behind it: PositionsRad_1.
-    if stated is None and len(words) >= 3 and len(words[-2]) > 1 and words[-2] in _SUFFIXES and words[-1].isdigit():
+    if stated is None and len(words) >= 3 and len(words[-2]) > 1 and words[-2] in _SUFFIXES and words[-1].isdecimal():
         return (*words[:-2], words[-1]), _UNITS[words[-2]]
     return words, stated
 
@@ -454,7 +454,7 @@ def count_external_axis(named: Sequence[ColumnName], kinds: Sequence[str]) -> li
     signals: dict[frozenset[str], list[int]] = {}
     for index, column in enumerate(named):
         if len(column.numbers) == 1 or _EXTERNAL_AXIS & set(column.words):
-            words = frozenset(word for word in column.words if not word.isdigit())
+            words = frozenset(word for word in column.words if not word.isdecimal())
             core = words - _EXTERNAL_AXIS - _MEASURED - _JOINT - {"joints", "axes"}
             signals.setdefault(core, []).append(index)
     for members in signals.values():
@@ -465,7 +465,7 @@ def count_external_axis(named: Sequence[ColumnName], kinds: Sequence[str]) -> li
         if len(axes) != 1 or numbers not in counts:
             continue
         peer = named[others[0]]
-        place = list(map(str.isdigit, peer.words)).index(True)
+        place = list(map(str.isdecimal, peer.words)).index(True)
         for number, index in enumerate([*others[:joint], axes[0], *others[joint:]]):
             counted = (*peer.words[:place], str(number), *peer.words[place + 1 :])
             columns[index] = replace(

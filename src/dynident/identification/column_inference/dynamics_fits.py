@@ -216,11 +216,10 @@ class ReadSignals:
 
 _CLEARLY = 1.25
 """Ratio of the unexplained shares above which one unit for all joints is ruled out."""
-
 _FULL = {"rad": 1.0, "deg": 100.0}
 """Ends of a joint's range in files whose positions are shares of it, by the unit that these are mistaken for."""
-
-_SMALL_TURN = 2.0 * np.pi  # the range of a number below which it may be an angle in rad
+_SMALL_TURN, _FEW_TURNS, _NO_WORSE = 2.0 * np.pi, 8.0 * np.pi, 1.05
+"""Ranges in rad: of what may be an angle, and of wrists. The ratio of what is left up to which a unit is as good."""
 
 
 def find_units_by_joint(
@@ -232,16 +231,14 @@ def find_units_by_joint(
 
     Parameters
     ----------
-    fits : DynamicsFits
-        Of the sample.
-    q, tau : (m, n)
-        As the file has them.
+    fits, q, tau : DynamicsFits, (m, n), (m, n)
+        Of the sample, as the file has it.
     unit : str
         The one unit that the ranges allow for all joints that turn, "rad" or "deg".
 
     Returns
     -------
-    tuple of dict, str and bool, or None
+    dict of int to str, str and bool, or None
         The unit of each joint that turns, the reason as a clause, and whether it is of shares.
     """
     turning = [index for index, joint in enumerate(fits.robot.joints) if joint.kind == "revolute"]
@@ -272,6 +269,10 @@ def find_units_by_joint(
             # A joint that moves little may be in degrees all the same.
             if (other := measure(mixed | {j: unit})) < share:
                 mixed, share = mixed | {j: unit}, other
+        # A wrist that turns on beyond the limits of the description is more common than units of two kinds.
+        radians = dict.fromkeys(turning, "rad")
+        if span[turning].max() <= _FEW_TURNS and (whole := measure(radians)) <= _NO_WORSE * share:
+            mixed, share = radians, whole
         if _CLEARLY * share < as_one:
             reason = f"the robot's dynamics leave {_write_share(share)} of the torque unexplained with these units, "
             return mixed, f"{reason}{_write_share(as_one)} with {unit} for all joints", False
@@ -304,7 +305,6 @@ def find_scales_by_joint(
     turning = np.array([joint.kind == "revolute" for joint in fits.robot.joints])
     factor, offset = find_conversion("q", "revolute", unit, "q")
     stated = np.where(turning, q * factor + offset, q)
-
     scales, span = np.zeros(len(turning)), float(np.nanmax(np.ptp(stated[:, turning], axis=0)))
     if len(turning) > MOST_JOINTS or not 0.0 < span < np.inf:  # each trial is a fit: too many of longer chains
         return None

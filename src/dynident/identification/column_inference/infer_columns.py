@@ -38,6 +38,7 @@ from dynident.identification.column_inference.metadata_proposal import (
     Question,
     ask_for_unit_of_time,
     ask_to_lock_still_joints,
+    ask_to_unwrap,
     describe_constant_columns,
     describe_further_joints,
     describe_gear_ratios,
@@ -220,8 +221,7 @@ class _ColumnInference(WorkingProposal):
     def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
         # Where there are others, theta is the angle of the motor.
         known = self._list_groups(groups, None, "q")
-        candidates = sorted(known, key=lambda group: (group.rank, "theta" in group.named.words))
-        if not candidates:
+        if not (candidates := sorted(known, key=lambda group: (group.rank, "theta" in group.named.words))):
             if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
                 return None
@@ -240,6 +240,7 @@ class _ColumnInference(WorkingProposal):
                 "columns/q", f"{self.name_columns(candidates[0])} are commanded positions: where are the measured ones?"
             )
         self.assign_columns("q", candidates[0])
+        self.questions += ask_to_unwrap(self.name_columns(candidates[0]), self.values[:, list(candidates[0].columns)])
         return candidates[0]
 
     def _choose_effort(
@@ -283,7 +284,8 @@ class _ColumnInference(WorkingProposal):
             detail += self._describe_candidates(groups, _EFFORTS, "torque")
             self.add_question("columns/tau", detail, self.sample.names)
             return None, "unknown"
-        best = candidates[0]
+        best, *others = candidates
+        candidates = [best, *(each for each in others if not hold_same_values(self.values, [best, each], share=0.0))]
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal and (plain := find_plainest_group([best, *equal])) is not None:
             best, equal = plain, []
@@ -292,8 +294,7 @@ class _ColumnInference(WorkingProposal):
             note = " State currents as current1, current2, …" * (best.signal == "effort")
             self.add_question("columns/tau", f"Several sets of columns could be the torque: which one?{note}", names)
         self.further_efforts = [self.name_columns(group) for group in candidates if group is not best]
-        kind = read_effort_kind(best.signal, best.named, best.rank)
-        if kind in NO_MEASUREMENT:
+        if (kind := read_effort_kind(best.signal, best.named, best.rank)) in NO_MEASUREMENT:
             self.refuse_kind(kind, self.name_columns(best))
         elif (question := self._ask_to_lock_fingers(position, best)) is not None:
             self.questions.append(question)

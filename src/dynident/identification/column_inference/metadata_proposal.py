@@ -221,7 +221,7 @@ def describe_further_joints(named: Sequence[ColumnName], n: int, signals: Collec
     counted: dict[tuple[str, ...], list[ColumnName]] = {}
     for column in named:
         if len(column.numbers) == 1:
-            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
+            counted.setdefault(tuple(word for word in column.words if not word.isdecimal()), []).append(column)
     for members in sorted(counted.values(), key=lambda own: (own[0].signal not in signals, own[0].rank)):
         numbers = sorted(column.numbers[0] for column in members)
         is_counted = numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1)
@@ -330,6 +330,35 @@ def describe_waves(named: Sequence[ColumnName]) -> str:
     )
 
 
+_TURNS = (1.0, 2.0 * np.pi, 360.0, 400.0, 2000.0 * np.pi)
+"""A turn in units of angles: positions that wrap there, or after half of it, are made continuous as they are read."""
+_JUMP, _STEP, _FEWEST_WRAPS, _LIKE = 0.9, 0.1, 2, 0.02
+"""Shares of its range that a counter jumps by at least, and moves otherwise at most; how often; how near a turn is."""
+
+
+def ask_to_unwrap(names: str, q: FloatArray) -> list[Question]:
+    """Ask to make positions (m, n) continuous that begin again where no turn ends, as a counter does."""
+    for x in q.T:
+        steps, span = np.diff(x), float(np.ptp(x))
+        jumps = np.flatnonzero(np.abs(steps) > _JUMP * span)
+        others = np.delete(np.abs(steps), jumps)
+        if len(jumps) < _FEWEST_WRAPS or not len(others) or others.max() > _STEP * span or (x == np.rint(x)).all():
+            continue
+        # In a jump the joint goes on as before it: what jumps from rest is a step.
+        before = steps[np.maximum(jumps - 1, 0)]
+        period = float(f"{np.median(np.abs(steps[jumps] - before)):.3g}")
+        is_turn = any(abs(period / turn / half - 1.0) < _LIKE for turn in _TURNS for half in (0.5, 1.0))
+        goes_on = (before * steps[jumps] < 0.0) & (np.abs(before) <= _STEP * span)
+        if is_turn or goes_on.mean() < 0.5:
+            continue
+        detail = (
+            f"{names} jump by {period:g}, {len(jumps)} times, from one end of their range to the other: a counter "
+            f"begins again there. Make them continuous, numpy.unwrap(q, period={period:g}, axis=0)."
+        )
+        return [Question("columns/q", detail)]
+    return []
+
+
 def describe_unused_columns(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[Guess]:
     """Describe columns that are left out where all of a robot's n joints have theirs in `columns`.
 
@@ -351,7 +380,7 @@ def describe_unused_columns(named: Sequence[ColumnName], columns: Mapping[str, s
 
 
 def _get_number(column: ColumnName) -> tuple[str, ...]:
-    return tuple(word for word in column.words if word.isdigit()) or column.words
+    return tuple(word for word in column.words if word.isdecimal()) or column.words
 
 
 def describe_still_joints(names: Sequence[str], q: FloatArray) -> list[Guess]:

@@ -251,7 +251,9 @@ def guess_position_unit(
             f"the largest range of motion is then {np.rad2deg(reach * get_factor('q', 'revolute', usual[0])):.0f} deg"
         )
         return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is not plausible")
-    return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
+    still = f"no joint moves by more than {reach:.2g}, which is too little in any unit"
+    is_still = bool(possible) and reach < LEAST_MOTION
+    return UnitGuess(usual[0] if usual else "rad", 0.4, still if is_still else "several units are possible")
 
 
 def _doubt_degrees(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: DynamicsFits) -> UnitGuess | None:

@@ -275,7 +275,7 @@ def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]
         Numbers of the columns in question.
     """
     numbers = [named[index].numbers for index in columns]
-    stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
+    stems = {tuple(word for word in named[index].words if not word.isdecimal()) for index in columns}
     if len(stems) != 1 or any(len(number) != 1 for number in numbers) or len(set(numbers)) < len(numbers):
         return columns
     return [columns[place] for place in np.argsort([number[0] for number in numbers])]
@@ -332,20 +332,20 @@ _SAME = 0.01
 """Share of its spread by which two topics of one position differ: the slower is interpolated between its samples."""
 
 
-def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
+def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup], share: float = _SAME) -> bool:
     """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation.
 
     Parameters
     ----------
-    values : (m, c)
-        Values of all columns.
-    groups : sequence of ColumnGroup
-        The groups to compare, at least one.
+    values, groups : (m, c), sequence of ColumnGroup
+        Values of all columns; the groups to compare, at least one.
+    share : float
+        Of their spread, by which they may differ.
     """
     first, *others = (values[:, list(group.columns)] for group in groups)
     # A joint that stands has no spread of its own to compare with.
     spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
-    return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
+    return all(bool((np.abs(other - first).mean(axis=0) <= share * spread).all()) for other in others)
 
 
 def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
@@ -356,7 +356,7 @@ def find_plainest_group(groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
     groups : sequence of ColumnGroup
         Groups of one signal and rank, at least one.
     """
-    words = [{word for word in group.named.words if not word.isdigit()} for group in groups]
+    words = [{word for word in group.named.words if not word.isdecimal()} for group in groups]
     shortest = min(
         range(len(groups)), key=lambda place: (len(words[place] - {"measured"}), "measured" not in words[place])
     )
@@ -469,15 +469,16 @@ def _order_by_joint(
     counted = pool != sorted(pool)
     reason = f"{kinds.reason}; the joints are in the order of {'their numbers' if counted else 'the file'}"
     if regular and counted and _is_file_order_as_good(kinds, measure):
-        detail = "The numbers of the joints and their order in the file differ: which order is right?"
-        work.add_question("columns", detail)
+        work.add_question("columns", "The numbers of the joints and their order in the file differ: which is right?")
     if not regular:
-        detail = "Neither the names nor the order of the columns show which joint they belong to."
-        work.add_question("columns", detail)
+        work.add_question("columns", "Neither the names nor the order of the columns show which joint they belong to.")
         q, tau = work.values[:, positions], work.values[:, efforts]
         order, _ = assign_torques(work.t, q, tau)
         efforts = [efforts[index] for index in order]
     groups = [ColumnGroup(tuple(positions), "q", None, 0, named[0], reason)]
+    if efforts and not kinds.rates and measure(kinds.positions, kinds.efforts) > _EXPLAINED:
+        detail = "Only how smooth they are tells positions from torques: name them, q1, tau1 and so on."
+        work.add_question("columns/q", detail, work.sample.names)
     if efforts:
         groups.append(ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason))
     if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):

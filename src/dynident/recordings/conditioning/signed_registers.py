@@ -217,13 +217,18 @@ def check_lost_sign(tau: FloatArray, names: Sequence[str]) -> Check | None:
         What the user calls their columns.
     """
     # A torque that is never below 0 may be of a link that is held on one side, and then comes to 0 by chance alone.
-    is_positive = bool(tau.size) and bool((tau >= 0.0).all())
-    unsigned = [name for name, own in zip(names, tau.T, strict=True) if is_positive and _has_lost_sign(own)]
+    if not tau.size or not (tau >= 0.0).all():
+        return None
+    unsigned = [name for name, own in zip(names, tau.T, strict=True) if _has_lost_sign(own)]
+    are_turns = f"and {', '.join(unsigned)} turn back there as an absolute value does"
+    if not unsigned and len(names) >= _FEWEST_JOINTS and all(map(_comes_to_zero, tau.T)):
+        # Not every link of an arm is held on one side.
+        unsigned, are_turns = list(names), f"though {names[0]} … {names[-1]} all come down to it"
     if not unsigned:
         return None
     detail = (
-        f"No torque is ever below 0, and {', '.join(unsigned)} turn back there as an absolute value does: the sign was "
-        "lost. Record torques with their sign; a driver may give the direction in a bit or a column of its own."
+        f"No torque is ever below 0, {are_turns}: the sign was lost. Record torques with their sign; a driver may give "
+        "the direction in a bit or a column of its own."
     )
     return Check("lost_sign", "error", detail, unsigned[0])
 
@@ -231,6 +236,16 @@ def check_lost_sign(tau: FloatArray, names: Sequence[str]) -> Check | None:
 NEAR_ZERO, AWAY, LEAST_TURNS, STRAIGHT = 0.01, 0.05, 3, 0.9
 """Shares of its largest value that a torque without its sign comes down to, and leaves again, at least so often; and
 the share of the variance there that a line explains once the sign is back: of a step at most 0.75."""
+
+
+_FEWEST_JOINTS, _WRAP = 3, 0.9
+"""Joints of an arm, of which some are not held on one side. The share of its range that a register jumps by at 0."""
+
+
+def _comes_to_zero(tau: FloatArray) -> bool:
+    """Tell whether a torque (m,) that is never below 0 comes down to it, and is no register whose sign was not read."""
+    is_register = np.count_nonzero(np.abs(np.diff(tau)) > _WRAP * np.ptp(tau)) >= _FEWEST_JUMPS
+    return not is_register and bool(tau.min() < NEAR_ZERO * tau.max())
 
 
 def _has_lost_sign(tau: FloatArray) -> bool:

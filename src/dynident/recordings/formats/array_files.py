@@ -86,7 +86,7 @@ def read_words(cells: Iterable[object]) -> tuple[str, ...]:
 
 def count_name(name: str, number: int) -> str:
     """Return the name of one of several things that have one name: q2, or q1_2 behind a number."""
-    return f"{name}_{number}" if name[-1:].isdigit() else f"{name}{number}"
+    return f"{name}_{number}" if name[-1:].isdecimal() else f"{name}{number}"
 
 
 FEWEST_ROWS = 8
@@ -172,7 +172,7 @@ class ArrayFileSource(FileSource):
             named = {listed for listed in words if len(listed) == width > 1}
             parts = [f"_{word}" for word in named.pop()] if len(named) == 1 else [*map(str, range(1, width + 1))]
             # Beside a vector q1 the columns of q are q_1 ….
-            joint = "_" if name[-1].isdigit() or vectors.intersection(f"{name}{part}" for part in parts) else ""
+            joint = "_" if name[-1].isdecimal() or vectors.intersection(f"{name}{part}" for part in parts) else ""
             places += [
                 (name if width == 1 else f"{name}{joint}{parts[index]}", _ArrayColumn(array, axis, index))
                 for index in range(width)

@@ -185,6 +185,10 @@ class CsvFileSource(FileSource):
         self._content = content
         self._dialect = detect_dialect(content.read_start(dialect_bytes))
         check_columns(len(self._dialect.names))
+        if self._dialect.clocks:
+            # Channels that a scope sampled more rarely end before the others, and their cells are missing.
+            pad = partial(_pad_rows, self._dialect.delimiter, len(self._dialect.names))
+            self._dialect = replace(self._dialect, rewrite=(*self._dialect.rewrite, pad), has_gaps=True)
         super().__init__(self._dialect.names, self._dialect.units)
         self.texts = dict(self._dialect.texts)
         self.has_gaps = self._dialect.has_gaps
@@ -355,6 +359,16 @@ class _OddRows:
 
 
 _SHOWN = 60  # characters of a row
+
+
+def _pad_rows(delimiter: str, width: int, text: str) -> str:
+    """Return lines of a table, those of numbers with as many cells as there are columns."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    missing = (width - 1 - line.count(delimiter) if _BEGINS_A_ROW.match(line) else 0 for line in lines)
+    return "\n".join(line + delimiter * n for line, n in zip(lines, missing, strict=True))
+
+
+_BEGINS_A_ROW = re.compile(r"\s*[-+.]?\d")
 
 
 def _watch_release(watched: object) -> Event:

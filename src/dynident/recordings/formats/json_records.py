@@ -396,7 +396,7 @@ def _find_arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[St
         raise RecordingError(f"{name[:60]} is nested deeper than {DEEPEST} levels.", title=TITLE)
     for key, inner in value.items():
         own = f"{name}.{key}" if name else str(key)
-        if isinstance(inner, dict) and len(inner) >= FEWEST_ROWS and all(map(str.isdigit, inner)):
+        if isinstance(inner, dict) and len(inner) >= FEWEST_ROWS and all(map(str.isdecimal, inner)):
             inner = list(inner.values())  # by the number of the row, as pandas writes it
         if isinstance(inner, dict):
             yield from _find_arrays(inner, own, depth + 1)

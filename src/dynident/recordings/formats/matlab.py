@@ -279,7 +279,9 @@ class _MatrixReader:
             # Their name stands in the place of the shape, and their class behind the word MCOS.
             texts = (shape_at, own_name, self.read_element(own_name.following))
             variable, _, kind_of = (self._read_bytes(text.start, text.size).decode("latin-1") for text in texts)
-            self._unread[variable] = describe_object(variable, kind_of)
+            # One in a cell or a structure has no name of its own.
+            known = variable or name or "data"
+            self._unread[known] = describe_object(known, kind_of)
             return
         shape = self._read_numbers(shape_at.start, "i4", shape_at.size // 4)
         name = name or self._read_bytes(own_name.start, own_name.size).decode("latin-1")

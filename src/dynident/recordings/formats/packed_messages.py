@@ -384,7 +384,7 @@ def name_labelled_numbers(line: str, label: re.Pattern[str] = _LABELLED) -> tupl
     names = []
     for word in words:
         seen[word] += 1
-        joint = "_" if word[-1].isdigit() else ""
+        joint = "_" if word[-1].isdecimal() else ""
         names.append(word if counts[word] == 1 and word != "column" else f"{word}{joint}{seen[word]}")
     return tuple(names)
 

@@ -491,7 +491,7 @@ def number_repeated_names(names: tuple[str, ...]) -> tuple[tuple[str, ...], tupl
         else:
             numbered.append(name)
     # A name with a number is that of one joint: one of the two is a mistake, and nothing says which.
-    if len(set(numbered)) < len(numbered) or any(name[-1].isdigit() for name in repeated):
+    if len(set(numbered)) < len(numbered) or any(name[-1].isdecimal() for name in repeated):
         raise RecordingError(
             f"Column {repeated[0]} occurs more than once in the file; give every column a name of its own.",
             pointer=repeated[0],
