@@ -368,6 +368,19 @@ def accept_like(asked: Question, columns: dict[str, str], units: dict[str, str],
     return accept_proposal(inspection, has_gains=True, accepted=[known])
 
 
+def test_a_unit_that_is_stated_goes_before_those_that_were_proposed_for_single_joints():
+    proposed = {"q": "rad", "q1": "counts:16384", "q2": "counts:4010", "q3": "mm", "tau3": "N"}
+    columns = {"t": "time", "q1": "a", "q2": "b", "q3": "c", "tau1": "d", "tau2": "e", "tau3": "f"}
+    none = np.zeros((0, 7))
+    proposal = Proposal(columns, proposed, "joint_torque", (), (Question("units/q1", "?", ("rad", "deg")),))
+    inspection = Inspection(Path("b.csv"), "csv", tuple(columns.values()), none, none, 0, proposal)
+    stated = RecordingMetadata(units={"q": "counts:4096"})
+    answers = StatedAnswers(units=stated.units, metadata=stated)
+    read = accept_proposal(inspection, has_gains=True, answers=answers)
+    # A joint that slides keeps its own: the unit is that of those that turn.
+    assert read.units == {"q": "counts:4096", "q3": "mm", "tau3": "N"}
+
+
 READ = {"t": "time", "q1": "a", "tau1": "f"}
 WHICH = ("joint_torque", "motor_current")
 

@@ -14,7 +14,7 @@ from dynident.errors import Remedy, word_remedies, write_argument
 from dynident.identification.column_inference import Inspection, Proposal, Question, inspect_file
 from dynident.recordings import Check, RecordingError, RecordingMetadata
 from dynident.recordings.file_names_and_digests import check_readable_path
-from dynident.recordings.units import JOINT_KINDS
+from dynident.recordings.units import JOINT_KINDS, find_conversion
 from dynident.robot import Robot
 
 OPEN_QUESTIONS = "Open questions"
@@ -86,6 +86,15 @@ def _signal_kind(key: str) -> str:
     """Return the kind of signal that a key names: "tau" for tau2 and for tau_elbow, "q_command" for q_command_elbow."""
     kinds = (kind for kind in JOINT_KINDS if key.startswith(f"{kind}_") or key.rstrip("0123456789") == kind)
     return max(kinds, key=len, default=key)
+
+
+def _turns(key: str, unit: str) -> bool:
+    """Return whether a revolute joint can have a unit, as the unit of a signal of all joints is stated for these."""
+    try:
+        find_conversion(_signal_kind(key), "revolute", unit, key)
+    except RecordingError:
+        return False
+    return True
 
 
 def _name_current(tau: str) -> str:
@@ -238,11 +247,17 @@ def accept_proposal(
     # The user says that the effort columns are currents: the proposed torque columns would contradict that.
     if any(_signal_kind(signal) == "current" for signal in stated_answers.columns):
         columns = {ours: theirs for ours, theirs in columns.items() if _signal_kind(ours) != "tau"}
-    # What is stated goes before what is proposed.
+    # What is stated goes before what is proposed: a unit of all joints also before those of single joints that turn.
+    stated = stated_answers.metadata.units
+    units = {
+        ours: unit
+        for ours, unit in units.items()
+        if _signal_kind(ours) not in stated.keys() & JOINT_KINDS or not _turns(ours, unit)
+    }
     return replace(
         stated_answers.metadata,
         columns={**columns, **stated_answers.metadata.columns},
-        units={**units, **stated_answers.metadata.units},
+        units={**units, **stated},
         effort_kind=stated_answers.metadata.effort_kind or ("motor_current" if are_currents else proposal.effort_kind),
     )
 
