@@ -39,33 +39,6 @@ def test_noise_of_the_encoder_narrows_the_filter_and_is_the_reason_given():
     assert "noise" not in clean.reasons[0]
 
 
-@pytest.mark.parametrize("apply", [signal.sosfilt, signal.sosfiltfilt])
-@pytest.mark.parametrize("order", [2, 4])
-def test_a_torque_that_was_filtered_before_gets_a_filter_below_that(apply, order):
-    columns = motion(9000)
-    t = columns["t"]
-    q, tau = (np.stack([columns[f"{kind}{joint}"] for joint in (1, 2, 3)], axis=1) for kind in ("q", "tau"))
-
-    def choose(cutoff: float | None) -> Preprocessing:
-        sos = signal.butter(order, cutoff or 50.0, fs=200.0, output="sos")
-        both = (q, tau) if cutoff is None else (apply(sos, values, axis=0) for values in (q, tau))
-        return choose_preprocessing([recording_from_arrays(t, *both, joint_names=JOINTS)])
-
-    raw, filtered, hardly = choose(None), choose(4.0), choose(20.0)
-    assert filtered.torque_cutoff < 3.0 < raw.torque_cutoff == hardly.torque_cutoff
-    assert "low-passed before it was recorded" in " ".join(filtered.reasons)
-    assert "low-passed before" not in " ".join((*raw.reasons, *hardly.reasons))
-
-
-def test_noise_on_smooth_friction_is_no_filter():
-    columns = motion(9000)
-    q = np.stack([columns[f"q{joint}"] for joint in (1, 2, 3)], axis=1)
-    friction = np.tanh(4.0 * np.gradient(q, 0.005, axis=0))
-    tau = 20.0 * friction + np.random.default_rng(1).normal(0.0, 0.2, q.shape)
-    chosen = choose_preprocessing([recording_from_arrays(columns["t"], q, tau, joint_names=JOINTS)])
-    assert chosen.torque_cutoff == choose_preprocessing([recorded()]).torque_cutoff
-
-
 def test_the_acceleration_has_a_filter_of_its_own_where_its_noise_is_small():
     quiet, between, noisy = (choose_preprocessing([recorded(noise=noise)]) for noise in (0.0, 1e-5, 1e-3))
     assert quiet.find_acceleration_cutoff(200.0) == 3.0 * quiet.torque_cutoff

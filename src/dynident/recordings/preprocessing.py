@@ -17,7 +17,7 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.pose_recordings import has_poses
 from dynident.recordings.recording import Recording, count_base_coordinates
 from dynident.recordings.recording_metadata import Filters, RecordingError
-from dynident.recordings.signal_spectra import Spectra, estimate_spectra, find_roll_off
+from dynident.recordings.signal_spectra import Spectra, estimate_spectra
 
 MOTION_SHARE = 0.99
 """The band of the motion holds so much of the velocity's power."""
@@ -47,10 +47,6 @@ NYQUIST_SHARE = 0.7
 OVERSAMPLING = 4.0
 """Rows are decimated to no less than so many times the torque cut-off."""
 
-ROLL_OFF_SHARE = 1.0 / 1.5
-"""Cut-off over the frequency from which on the file's torque is filtered already. The parallel filter stops at 1.5
-times its cut-off; friction of filtered velocities is no filtered friction, and would pass for other friction."""
-
 SUNK = 3.0
 """Times the noise below which nothing of the motion is left at a frequency."""
 
@@ -77,8 +73,6 @@ class _Bands:
     power: float
     """Mean square of the velocity of all of them that move, in their bands."""
     of_base: bool = False
-    roll_off: float = np.inf
-    """From here on the file's torque is filtered already."""
 
 
 def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
@@ -87,10 +81,9 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     The torque cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
     (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
-    explained by filtered positions. It lies below the cut-off of a torque that was filtered before. That of positions
-    lies half an octave higher, as far as that share stays below 1 % there. Rows are decimated to no less than 4 times
-    the torque cut-off. For a base that moves at 5 % of the joints' speed or more the same is chosen from its own
-    coordinates. The lower cut-offs count, but none below the joints' motion.
+    explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
+    are decimated to no less than 4 times the torque cut-off. For a base that moves at 5 % of the joints' speed or more
+    the same is chosen from its own coordinates. The lower cut-offs count, but none below the joints' motion.
 
     Parameters
     ----------
@@ -129,9 +122,7 @@ def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float, widest: float = np
     """
     motion = max(bands.motion for bands in all_bands)
     noisiest = min(all_bands, key=lambda bands: bands.noise)
-    roll_off = min(bands.roll_off for bands in all_bands)
-    needed = min(HARMONICS * motion, max(ROLL_OFF_SHARE * roll_off, LEAST_HARMONICS * motion))
-    ceiling = NYQUIST_SHARE * 0.5 * rate
+    needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
     # In this order: what the motion needs, but no more than noise allows, except for the least number of harmonics,
     # and never beyond the Nyquist frequency. The pose of a base has far more noise than encoders: of it, the band of
     # its own motion is enough.
@@ -144,12 +135,7 @@ def _choose_cutoffs(all_bands: Sequence[_Bands], rate: float, widest: float = np
     because = (
         f"{first} cut-off {cutoff:g} Hz: the motion{of_base} lies below {motion:.2g} Hz (99 % of the velocity's power)"
     )
-    if needed < min(HARMONICS * motion, noisiest.noise, ceiling):
-        because += (
-            f"; the torque was low-passed before it was recorded, at about {roll_off:.2g} Hz, or was computed without "
-            "noise: there, friction of filtered velocities is not the filtered friction."
-        )
-    elif needed <= min(noisiest.noise, ceiling):
+    if needed <= min(noisiest.noise, ceiling):
         because += f"; {HARMONICS:g} times this frequency keeps products of velocities and the steps of friction."
     elif noisiest.noise < ceiling:
         unit = "m or rad" if noisiest.of_base else "rad"
@@ -305,9 +291,7 @@ def _find_bands(averages: Spectra, group: BoolArray, of_base: bool) -> _Bands | 
     """Return the bands of a group of joints (n,), or None where none of them moves."""
     if not group.any():
         return None
-    averages = replace(
-        averages, velocity=averages.velocity[:, group], noise=averages.noise[group], torque=averages.torque[:, group]
-    )
+    averages = replace(averages, velocity=averages.velocity[:, group], noise=averages.noise[group])
     step = averages.frequency[1]
     gain = averages.velocity_gain[:, None]
     noise = averages.noise * gain
@@ -346,8 +330,7 @@ def _find_bands(averages: Spectra, group: BoolArray, of_base: bool) -> _Bands | 
         return None
     # The median over the joints: one joint that vibrates, or one coarse encoder, does not decide for all.
     band, noise_at, little_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit, little))
-    roll_off = np.inf if of_base else find_roll_off(replace(averages, torque=averages.torque[:, moving]), band)
-    return _Bands(band, noise_at, float(np.median(rms)), little_at, squared, of_base, roll_off)
+    return _Bands(band, noise_at, float(np.median(rms)), little_at, squared, of_base)
 
 
 def _find_band_end(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:

@@ -122,53 +122,6 @@ def estimate_spectra(recording: Recording) -> Spectra:
     return Spectra(frequency, velocity, noise, torque, recording.sampling_rate, count, squared / count)
 
 
-STEEP = -5.0
-"""Slope, in powers of the frequency, below which a torque's density falls up to the highest frequencies where somebody
-filtered it: it would be 0 for noise, -2 for the steps of friction, and -4 for these behind the first-order low-pass of
-a drive. Behind a filter of second order it is -6. Recordings of six untouched robots have 0 to -4."""
-
-_THIRD = 2.0 ** (1.0 / 3.0)
-"""Bands over which densities are averaged, a third of an octave: periodic motions have lines."""
-
-
-def find_roll_off(spectra: Spectra, motion: float) -> float:
-    """Return the frequency from which on a filter took the torque away before it was recorded, by the median joint.
-
-    The steps of Coulomb friction have a density that falls with the square of the frequency. A filter has halved it
-    where it lies that much below their line through the harmonics of the motion.
-
-    Parameters
-    ----------
-    spectra : Spectra
-        Of a recording.
-    motion : float
-        Hz, the band of the motion.
-
-    Returns
-    -------
-    float
-        In Hz; inf if nobody filtered the torque.
-    """
-    count = int(np.log(max(0.45 * spectra.rate / (2.0 * motion), 1.0)) / np.log(_THIRD))
-    edges = 2.0 * motion * _THIRD ** np.arange(count + 1)
-    band = np.digitize(spectra.frequency, edges)
-    bands = [np.flatnonzero(band == number + 1) for number in range(count)]
-    bands = [rows for rows in bands if len(rows) > 2]
-    if not bands:
-        return np.inf
-    center = np.array([spectra.frequency[rows].mean() for rows in bands])
-    density = np.array([spectra.torque[rows].mean(axis=0) for rows in bands])
-    density = density[:, (density > 0.0).all(axis=0)]
-    high, low = center > 0.12 * spectra.rate, center < 6.0 * motion
-    if high.sum() < 3 or not low.any() or not density.size:
-        return np.inf
-    slopes = np.polyfit(np.log(center[high]), np.log(density[high]), 1)[0]
-    steps = center[:, None] ** 2 * density
-    passed = steps >= 0.5 * steps[low].mean(axis=0)
-    ends = np.where(passed, center[:, None], 0.0).max(axis=0)
-    return float(np.median(ends)) if np.median(slopes) < STEEP else np.inf
-
-
 def find_used_runs(recording: Recording) -> Sequence[tuple[int, int]]:
     """Return the runs of rows of one segment that lie inside one window.
 
