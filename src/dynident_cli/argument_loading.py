@@ -106,22 +106,14 @@ def load_recordings(
     files = [SourceFile(path, stated.name) for path, stated in zip(paths, metadata, strict=True)]
     # A metadata file without columns holds answers to what is proposed; one with columns is the whole proposal.
     is_whole = [reading.as_proposed is False or not stated.columns.keys() <= options.keys() for stated in metadata]
-    reader = ProposalReader(robot, files, metadata, is_whole, reading.cure, write_option)
+    reader = ProposalReader(robot, files, metadata, reading.cure, write_option, is_whole)
     try:
         if reading.as_proposed:
             for path in paths:
                 check_readable(path)
             metadata = reader.propose_all()
         # A file of another logger is read as proposed; where a question is open, that is the error.
-        recordings = read_files(
-            files,
-            robot,
-            metadata,
-            cure=reading.cure,
-            write_remedy=write_option,
-            propose=reader.propose,
-            progress=progress,
-        )
+        recordings = read_files(reader, metadata, progress)
         has_gains = isinstance(reading, RobotAdditions) and bool(reading.drive_gains)
         return recordings.report_unused_gains() if has_gains else recordings
     except RecordingError as error:

@@ -244,6 +244,19 @@ def test_files_of_another_logger_are_read_as_proposed_and_the_agent_is_told(agen
     assert not agent.call("identify", robot="arm.urdf", recordings=[answered], out="answered.npz").is_error
 
 
+def test_open_questions_and_cures_are_asked_in_the_syntax_of_the_tools(agent: Agent) -> None:
+    rows = (agent.folder / "run1.csv").read_text().splitlines()
+    # Rows without a time, and torques that nobody calls so.
+    head = rows[0].replace('"', "").replace("tau", "load").split(",")
+    kept = [k for k, name in enumerate(head) if name != "t"]
+    table = [[line.split(",")[k] for k in kept] for line in [",".join(head), *rows[1:]]]
+    (agent.folder / "unknown.csv").write_text("\n".join(map(",".join, table)))
+    refusal = agent.refusal("identify", robot="arm.urdf", recordings=["unknown.csv"], out="x.npz")
+    assert '"rate": …' in refusal["detail"]
+    assert "dy." not in refusal["detail"]
+    assert "metadata=" not in refusal["detail"]
+
+
 def test_a_refusal_is_the_problem_document_of_the_service(agent: Agent) -> None:
     wrong = agent.refusal("identify", robot="scara", recordings=["run1.csv"], out="x.npz", prior_error=11, bogus=1)
     assert {field["pointer"] for field in wrong["errors"]} == {"/prior_error", "/bogus"}

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 import dynident as dy
+from dynident.api.proposed_metadata import ProposalReader
+from dynident.api.recording_files import read_files
+from dynident.api.recordings_in_memory import SourceFile
 from dynident.api.robot_files import check_reads_no_others
 from dynident.diagnosis.diagnosis_request import DiagnosisChoices
-from dynident.errors import DynidentError
+from dynident.errors import DynidentError, Remedy
 from dynident.excitation.design_request import DesignRequest
 from dynident.export.export_request import ExportChoices
 from dynident.identification.identification_choices import IdentificationChoices
@@ -264,11 +267,18 @@ def read_recordings(
         share = scale_progress(progress, index / len(paths), (index + 1) / len(paths))
         metadata = to_request(item, RecordingMetadata)
         try:
-            runs += dy.read_recordings(path, robot=robot, metadata=metadata, cure=item.cure, progress=share)
+            file = SourceFile(path, split_path(path)[0].stem)
+            reader = ProposalReader(robot, [file], [replace(metadata, name=file.name)], item.cure, _write_field)
+            runs += reader.report_columns(read_files(reader, progress=share))
         except dy.RecordingError as error:
             error.pointer = error.pointer or f"/{place}/{index}"
             raise
     return runs
+
+
+def _write_field(remedy: Remedy) -> str:
+    """Return a remedy as a field of a recording, or of its robot."""
+    return str(Remedy("drive_gains", remedy.value)) if remedy.field == "drives" else str(remedy)
 
 
 def to_effects(effects: Iterable[str | EffectChoice] | None) -> list[str | dy.EffectChoice] | None:

@@ -266,12 +266,12 @@ class ProposalReader:
         One recording each.
     metadata : sequence of RecordingMetadata
         What was stated of each of them, which answers questions.
-    is_whole : sequence of bool
-        Whether this names the columns of the file, so that nothing is proposed.
     cure : bool
         Whether faults are corrected that checks can correct.
     write : function
-        Writes the answers to open questions.
+        Writes remedies and answers to open questions in the syntax of a front end.
+    is_whole : sequence of bool
+        Whether the metadata of a file name all its columns, so that nothing is proposed; by default they may not.
     accepted : dict of int to RecordingMetadata
         What was proposed so far, by the number of the file.
     """
@@ -279,14 +279,14 @@ class ProposalReader:
     robot: Robot
     files: Sequence[SourceFile]
     metadata: Sequence[RecordingMetadata]
-    is_whole: Sequence[bool]
     cure: bool = False
     write: Writer = write_argument
+    is_whole: Sequence[bool] = ()
     accepted: dict[int, RecordingMetadata] = field(default_factory=dict)
 
     def propose(self, index: int) -> RecordingMetadata:
         """Return the metadata to read a file with; an error with the questions that are open."""
-        if self.is_whole[index]:
+        if self.is_whole and self.is_whole[index]:
             return self.metadata[index]
         file, stated = self.files[index], self.metadata[index]
         check_readable_path(file.path)

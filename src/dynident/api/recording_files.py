@@ -251,38 +251,24 @@ def read_recordings(
     metadata_of_files = [
         replace(stated, name=name, rate=file.rate or stated.rate) for file, name in zip(files, names, strict=True)
     ]
-    reader = ProposalReader(machine, files, metadata_of_files, [False] * len(files), cure)
-    recordings = read_files(files, machine, metadata_of_files, cure=cure, propose=reader.propose, progress=progress)
-    recordings = reader.report_columns(recordings)
+    reader = ProposalReader(machine, files, metadata_of_files, cure)
+    recordings = reader.report_columns(read_files(reader, progress=progress))
     return recordings if drive_gains is None else recordings.report_unused_gains()
 
 
 def read_files(
-    files: Sequence[SourceFile],
-    robot: Robot,
-    metadata: Sequence[RecordingMetadata],
-    *,
-    cure: bool = False,
-    write_remedy: Callable[[Remedy], str] = write_argument,
-    propose: Callable[[int], RecordingMetadata] | None = None,
+    reader: ProposalReader,
+    metadata: Sequence[RecordingMetadata] | None = None,
     progress: Progress = ignore_progress,
 ) -> Recordings:
     """Read and check files, each with metadata of its own, and word what is wrong for a front end.
 
     Parameters
     ----------
-    files : sequence of SourceFile
-        One recording each.
-    robot : Robot
-        The robot that was recorded.
-    metadata : sequence of RecordingMetadata
-        Of each file, with its name.
-    cure : bool
-        Whether to read what would be refused as its checks propose.
-    write_remedy : function
-        Returns a remedy as it is written in that front end: as an argument, as an option.
-    propose : function, optional
-        Returns metadata to read file k without the usual columns with, or the same where there is nothing to propose.
+    reader : ProposalReader
+        The files and what was stated of each; files without the usual columns are read as it proposes.
+    metadata : sequence of RecordingMetadata, optional
+        Of each file, with its name, where more was proposed than was stated.
     progress : function, optional
         Called with the fraction done and a message.
 
@@ -296,6 +282,8 @@ def read_files(
     RecordingError
         Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
     """
+    files, robot, write_remedy, cure = reader.files, reader.robot, reader.write, reader.cure
+    metadata = reader.metadata if metadata is None else metadata
     recordings: list[CheckedRecording] = []
     failures: list[tuple[str, str, RecordingError]] = []
     outcomes: dict[str, Sequence[Revision] | RecordingError] = {}
@@ -311,7 +299,7 @@ def read_files(
             try:
                 recordings.append(read(stated, progress=share))
             except RecordingError as error:
-                proposed = propose(index) if propose and error.title == UNKNOWN_COLUMNS else stated
+                proposed = reader.propose(index) if error.title == UNKNOWN_COLUMNS else stated
                 if proposed == stated:
                     raise
                 recordings.append(read(proposed, progress=share))
