@@ -128,9 +128,9 @@ def test_a_line_over_a_stroke_is_found_at_the_lead_of_its_screw(lead):
     noise = find_angle_lines([SimpleNamespace(q=q, residual=residual, counted_rows=np.ones(q.shape, dtype=bool))], arm)
     residual[:, quill] += 0.5 * np.sin(k * q[:, quill])
     seen = SimpleNamespace(q=q, residual=residual, counted_rows=np.ones(q.shape, dtype=bool))
-    found = [value for joint, value in find_angle_lines([seen], arm).clear if joint == quill]
+    lines = [value for joint, value in find_angle_lines([seen], arm).clear if joint == quill]
     # Within a tenth of a wave over the stroke of 0.2 m.
-    assert min(abs(value - k) for value in found) < 0.1 * 2 * np.pi / 0.2
+    assert min(abs(value - k) for value in lines) < 0.1 * 2 * np.pi / 0.2
     assert noise.clear == ()
 
 

@@ -260,14 +260,19 @@ def pool_correlation_factors(own: FloatArray, freedom: FloatArray, of_noise: flo
     logarithms, variances, weights = _weigh_factors(own, freedom)
     # No residual is whiter than the noise in it.
     above = max(float(logarithms.mean() - np.log(of_noise)), 0.0)
-    kept = _compute_shares_beyond_chance(np.array([above]), variances.mean(keepdims=True) / len(own)) * above
-    return np.asarray(of_noise * np.exp(kept - logarithms.mean() + weights @ logarithms))
+    excess = _compute_shares_beyond_chance(np.array([above]), variances.mean(keepdims=True) / len(own)) * above
+    return np.asarray(of_noise * np.exp(excess - logarithms.mean() + weights @ logarithms))
 
 
 def count_pooled_freedom(own: FloatArray, freedom: FloatArray) -> float:
     """Return the degrees of freedom of the worst known of the factors that `pool_correlation_factors` makes of these.
 
     What is known of noise does not count.
+
+    Parameters
+    ----------
+    own, freedom : (n,), (n,)
+        As `pool_correlation_factors` takes them.
     """
     _, variances, weights = _weigh_factors(own, freedom)
     return float(2.0 / (weights**2 @ variances).max())
