@@ -12,7 +12,8 @@ more the campaign's shortest one. They know the effects of the campaign's last m
 they are at the goal, only the truth tells.
 
 With --hidden, the same arm also makes a fixed programme of four runs (designs by the condition number, at full speed),
-which are diagnosed together afterwards: whether that names the hidden effect, and in how many minutes.
+which are diagnosed together afterwards: whether that names the hidden effect, and in how many minutes. A campaign ends
+at its goal: those whose model is at the goal without the effect are counted apart.
 
 With --mujoco, another engine moves the arm, with joints that stick, and says its true torque: nothing of the program
 under test but the description is in it. With --load, the goal is a load's mass to within so many kg, and its centre to
@@ -331,6 +332,8 @@ class Tally:
     beyond: list[bool] = field(default_factory=list)
     given_up: list[bool] = field(default_factory=list)
     named: list[bool] = field(default_factory=list)
+    needless: list[bool] = field(default_factory=list)
+    """Of hidden effects that are not named: whether the true error is at the goal without them."""
     minutes_to_name: list[float] = field(default_factory=list)
     programme: list[tuple[float, bool]] = field(default_factory=list)
     seconds: list[tuple[float, float]] = field(default_factory=list)
@@ -352,6 +355,8 @@ class Tally:
             self.given_up.append(not is_reached_after_all(arm, state))
         if arm.hidden is not None:
             self.named.append(has_hidden(arm, state.identification.model.effects))
+            if not self.named[-1]:
+                self.needless.append(is_true)
             self.minutes_to_name.append(find_named(arm, history))
             minutes, effects = run_programme(arm, state.request)
             self.programme.append((minutes, has_hidden(arm, effects)))
@@ -374,6 +379,7 @@ class Tally:
             ("said not to be reached, and the true error is above the goal", self.beyond),
             ("said not to be reached, and it is not when the campaign goes on", self.given_up),
             ("hidden effect in the model at the end", self.named),
+            ("hidden effect not in the model, and the true error at the goal without it", self.needless),
         ):
             if found:
                 print(f"{words}: {np.mean(found):.0%} of {len(found)}")

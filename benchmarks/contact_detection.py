@@ -28,7 +28,7 @@ from engine.physics import Act, Live
 from engine.robots import arm_by_name
 
 import dynident as dy
-from dynident.estimation.residual_correlation import compute_block_maxima, compute_threshold
+from dynident.estimation.residual_errors import compute_block_maxima, compute_threshold
 from dynident.identification import Identification
 from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording, recording_from_arrays
 from dynident.recordings.joint_phases import SLOW

@@ -266,10 +266,28 @@ def test_what_a_model_lacks_counts_all_runs_by_their_time():
 
     # A short run with a large residual by chance, after a long one without.
     short, long = run(4.0, 1.0, 1.0), run(0.0, 0.5, 9.0)
-    assert compute_lacking([short]) == pytest.approx([np.sqrt(4.0 - 1.645)])
+    assert compute_lacking([short]) == pytest.approx([np.sqrt(4.0 - norm.ppf(0.95))])
     assert compute_lacking([long, short]) == pytest.approx([0.0])
-    assert compute_lacking([run(4.0, 1.0, 5.0)] * 2) == pytest.approx([np.sqrt(4.0 - 1.645 / np.sqrt(2))])
+    assert compute_lacking([run(4.0, 1.0, 5.0)] * 2) == pytest.approx([np.sqrt(4.0 - norm.ppf(0.95) / np.sqrt(2))])
     assert compute_lacking([run(0.0, 0.0, 0.0)]) == pytest.approx([0.0])
+
+
+def test_chance_is_no_lack_on_any_joint_with_95_per_cent_probability():
+    draws = np.random.default_rng(5).standard_normal((4000, 7))
+    lacking = [compute_lacking([RunErrors(np.zeros(7), draw, np.ones(7), np.ones(7))]) for draw in draws]
+    assert np.mean(np.max(lacking, axis=1) > 0) == pytest.approx(0.05, abs=0.012)
+
+
+def test_one_short_run_does_not_decide_alone_how_correlated_residuals_are():
+    plan, _, _ = first_run()
+    pooled, own = [], []
+    for seed in range(21, 29):
+        model = identify(ARM, [recorded(plan.design, f"run{seed}")], (), REQUEST.choices)
+        pooled.append(_pool_inflation(model, 200.0))
+        own.append(model.data.training.row_counts / model.statistics.effective_rows)
+    # The residual of these runs is filtered noise alone, of one factor.
+    assert np.log(pooled).std(axis=0).max() < 0.5 * np.log(own).std(axis=0).mean()
+    assert np.log(pooled).mean() == pytest.approx(np.log(own).mean(), abs=0.2)
 
 
 def test_what_a_model_lacks_at_speed_counts_though_the_slow_run_does_not_show_it():
@@ -401,7 +419,7 @@ def test_a_promise_filters_the_planned_motion_as_its_recording_will_be():
     fixed = replace(model, choices=replace(model.choices, preprocessing=wide))
     filtered_less = predict_errors(fixed, rows, following.design, last)
     assert not np.allclose(own, filtered_less, rtol=1e-3)
-    assert own == pytest.approx(filtered_less, rel=0.25)
+    assert own == pytest.approx(filtered_less, rel=0.3)
 
 
 def test_a_poor_last_motion_does_not_bound_what_the_time_that_is_left_brings():
@@ -671,7 +689,7 @@ def test_the_promise_for_a_load_that_only_one_covariance_shows_is_a_number_above
     covariance = identification.statistics.covariance
     # Larger by its pooled covariance than by its own; the mass is between the bounds at which each shows it.
     pooled = compute_sandwich_covariance(
-        identification.data.training, identification.estimate.solution, _pool_inflation(identification)
+        identification.data.training, identification.estimate.solution, _pool_inflation(identification, 200.0)
     )
     own, other = (1.96 * np.sqrt(np.diag(matrix)) for matrix in (covariance, pooled))
     column = int(np.argmax(other / own))

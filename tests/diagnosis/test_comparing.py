@@ -9,6 +9,7 @@ import pytest
 from support.hidden_effects import BAND, NAMES, NOISE, ROBOT, experiment, motions, recorded
 from support.oracles import Motion, fourier_motion, record
 
+import dynident as dy
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparison.noise_floor import estimate_sensor_noise
 from dynident.diagnosis.residuals.failure_map_and_unknown_patterns import build_failure_map, find_unknown_patterns
@@ -116,6 +117,21 @@ def test_a_line_over_the_angle_is_found_at_its_number_of_cycles(run):
         ripple = recorded(motion, lambda m, load, k=k: 1.5 * np.sin(k * m.q[:, 4:5]) * np.eye(6)[4], 6, "ripple")
         lines = find_angle_lines([compare(run.identification, ripple)], ROBOT)
         assert any(joint == 4 and abs(value - k) < 0.5 for joint, value in lines.clear)
+
+
+@pytest.mark.parametrize("lead", [0.005, 0.02, 0.06])
+def test_a_line_over_a_stroke_is_found_at_the_lead_of_its_screw(lead):
+    arm, rng, t = dy.load_robot("scara"), np.random.default_rng(4), np.arange(4000) / 200.0
+    q = np.tile(-0.1 + 0.09 * np.sin(0.7 * t) + 0.01 * np.sin(3.1 * t), (arm.n, 1)).T
+    k, quill = 2 * np.pi / lead, arm.joint_names.index("quill")
+    residual = rng.normal(0.0, 0.2, q.shape)
+    noise = find_angle_lines([SimpleNamespace(q=q, residual=residual, counted_rows=np.ones(q.shape, dtype=bool))], arm)
+    residual[:, quill] += 0.5 * np.sin(k * q[:, quill])
+    seen = SimpleNamespace(q=q, residual=residual, counted_rows=np.ones(q.shape, dtype=bool))
+    lines = [value for joint, value in find_angle_lines([seen], arm).clear if joint == quill]
+    # Within a tenth of a wave over the stroke of 0.2 m.
+    assert min(abs(value - k) for value in lines) < 0.1 * 2 * np.pi / 0.2
+    assert noise.clear == ()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from dynident.expressions.recursive_filter import filter_sections
-from dynident.recordings.low_pass_decimation import ATTENUATION, low_pass
+from dynident.recordings.low_pass_decimation import ATTENUATION, correlate_white_noise, low_pass
 from dynident.recordings.position_filter import compute_steady_state, design_butterworth
 
 
@@ -58,3 +58,19 @@ def test_the_taps_of_the_parallel_filter_are_those_of_scipy(rate: float, cutoff:
     taps = low_pass(rate, cutoff)
     window = ("kaiser", signal.kaiser_beta(ATTENUATION))
     np.testing.assert_array_equal(taps, signal.firwin(len(taps), cutoff, window=window, fs=rate))
+
+
+def test_white_noise_behind_the_low_pass_is_correlated_as_stated():
+    rate, cutoff, decimation = 500.0, 20.0, 5
+    noise = np.random.default_rng(1).standard_normal(400_000)
+    rows = np.convolve(noise, low_pass(rate, cutoff), "valid")
+    stated = correlate_white_noise(rate, cutoff)
+    middle = len(stated) // 2
+    assert stated[middle] == 1.0
+    measured = [rows[: len(rows) - lag] @ rows[lag:] / (rows @ rows) for lag in (5, 10, 25)]
+    assert stated[[middle + lag for lag in (5, 10, 25)]] == pytest.approx(measured, abs=0.02)
+    # The sum over decimated lags is by how much the variance of a mean of rows is larger than of independent ones.
+    means = rows[::decimation][: len(rows) // decimation // 400 * 400].reshape(-1, 400).mean(axis=1)
+    factor = stated[middle % decimation :: decimation].sum()
+    assert 400 * means.var() / rows.var() == pytest.approx(factor, rel=0.25)
+    assert correlate_white_noise(rate, None) == pytest.approx([1.0])

@@ -11,7 +11,7 @@ from support.models_with_chosen_parameters import drives, from_standard, made_up
 from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.errors import DynidentError
-from dynident.estimation.residual_correlation import compute_threshold
+from dynident.estimation.residual_errors import compute_threshold
 from dynident.export import export_model
 from dynident.identification import Identification
 from dynident.recordings import Recording

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 from support.oracles import arm
 
-from dynident.estimation.residual_correlation import compute_threshold
+from dynident.estimation.residual_errors import compute_threshold
 from dynident.robot import compute_tool_jacobian, tool_path
 from dynident.verdict.held_out_evidence import _compute_lift
 

@@ -378,7 +378,7 @@ def add_run(
         seconds=sum(segment.length * recording.period for segment in recording.segments),
         promised=None if planned is None else planned.promised,
         predicted=predicted,
-        parameters=compute_target_errors(state.request, identification, diagnosis, measure),
+        parameters=compute_target_errors(state.request, identification, diagnosis, measure, recording.sampling_rate),
         lacking=lacking,
         added=added,
         is_changed=places[0] != places[1],

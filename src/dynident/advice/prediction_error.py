@@ -15,7 +15,7 @@ import scipy
 
 from dynident.advice.campaign_request import CampaignRequest, list_targets
 from dynident.advice.payload_goal import name_load_parameters, select_payload_errors
-from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis import Diagnosis
 from dynident.diagnosis.candidates.candidate_pool import find_places
 from dynident.diagnosis.comparison.measured_against_predicted import compare
@@ -23,14 +23,20 @@ from dynident.diagnosis.comparison.noise_floor import judge
 from dynident.diagnosis.diagnosis_request import check_candidates
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation.residual_correlation import compute_sandwich_covariance, count_correlation_freedoms
+from dynident.estimation.residual_correlation import (
+    compute_sandwich_covariance,
+    count_correlation_freedoms,
+    count_pooled_freedom,
+    pool_correlation_factors,
+)
 from dynident.excitation import CriterionChoice, Design
 from dynident.excitation.criteria.design_criterion import select_parameters
 from dynident.excitation.criteria.prediction_region import Region
 from dynident.excitation.design_observation_matrix import build_design_model
 from dynident.excitation.design_result import expect_recording
 from dynident.identification import Identification
-from dynident.recordings import Recording, choose_preprocessing, low_pass
+from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.low_pass_decimation import correlate_white_noise
 from dynident.regressors.dynamic_model_rows import reduce_recordings
 from dynident.regressors.observation_matrix import FurtherSignals, RegressorInputs
 from dynident.robot import Robot
@@ -39,8 +45,6 @@ CONFIDENCE = 0.95
 """Probability with which the true error stays below the stated one."""
 # Draws from the distribution of the parameters: the quantile of an error is then known to about 3 % of itself.
 _DRAWS = 1000
-# One-sided 95 % quantile of a normal distribution.
-_BEYOND_CHANCE = 1.645
 _PROPOSED_BY_LINES = ("angle_spectrum", "time_spectrum")
 # Directions of the covariance below this share of the largest, columns of unit norm, are known exactly.
 _EXACT = 1e-14
@@ -176,7 +180,8 @@ def compute_region_rows(identification: Identification, region: Region) -> Regio
     torque = np.sqrt(((rows @ identification.values) ** 2).mean(axis=0))
     # Where the region needs hardly any torque of a joint, errors are relative to its noise.
     moments = np.einsum("mja,mjb->jab", rows, rows, optimize=True) / len(rows)
-    return RegionRows(moments, np.maximum(torque, identification.noise), _count_pooled_freedom(identification))
+    freedom = count_pooled_freedom(*_compute_own_factors(identification))
+    return RegionRows(moments, np.maximum(torque, identification.noise), freedom)
 
 
 def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
@@ -208,12 +213,7 @@ def evaluate_rows(identification: Identification, q: FloatArray, dq: FloatArray,
     return rows
 
 
-def compute_parameter_errors(identification: Identification, measure: ErrorMeasure) -> FloatArray:
-    """Return the relative errors (k,) of the targets that uncertain parameters cause, with 95 % probability."""
-    return measure.compute_errors(_compute_covariance(identification, measure))
-
-
-def _compute_covariance(identification: Identification, measure: ErrorMeasure) -> FloatArray:
+def _compute_covariance(identification: Identification, measure: ErrorMeasure, rate: float) -> FloatArray:
     """Return the covariance of the parameters that a measure counts with.
 
     Of a parameter it is that of its interval in all tables: its spread over blocks of time. These are few, and say
@@ -223,33 +223,26 @@ def _compute_covariance(identification: Identification, measure: ErrorMeasure) -
     if not isinstance(measure, RegionRows):
         return identification.statistics.covariance
     training, solution = identification.data.training, identification.estimate.solution
-    return compute_sandwich_covariance(training, solution, _pool_inflation(identification))
+    return compute_sandwich_covariance(training, solution, _pool_inflation(identification, rate))
 
 
-def _pool_inflation(identification: Identification) -> FloatArray:
-    """Return by how much each joint's rows (n,) overstate the information: half way from its own to that of all.
-
-    A joint's own factor, from a dozen blocks of time, is by chance up to twice too large or too small.
-    """
-    counts, effective = identification.data.training.row_counts, identification.statistics.effective_rows
-    own = np.divide(counts, effective, out=np.ones(len(counts)), where=effective > 0)
-    return np.asarray(np.exp(_build_pooling_weights(counts > 0) @ np.log(own)))
-
-
-def _build_pooling_weights(has_rows: BoolArray) -> FloatArray:
-    """Return the weights (n, n) of the joints' logarithms: half their own and half the mean of those that have rows."""
-    n = len(has_rows)
-    return 0.5 * np.eye(n) + 0.5 * np.tile(has_rows / max(has_rows.sum(), 1), (n, 1))
+def _pool_inflation(identification: Identification, rate: float) -> FloatArray:
+    """Return by how much each joint's rows (n,), sampled at a rate (Hz), overstate the information, pooled over all."""
+    factors, decimation = np.ones(identification.model.robot.n), identification.preprocessing.decimation
+    correlation = correlate_white_noise(rate, identification.preprocessing.torque_cutoff)
+    # The sum over the lags of rows: torque that varies slowly meets the noise of all of them alike.
+    of_noise = float(correlation[len(correlation) // 2 % decimation :: decimation].sum())
+    has_rows = identification.data.training.row_counts > 0
+    factors[has_rows] = pool_correlation_factors(*_compute_own_factors(identification), of_noise)
+    return factors
 
 
-def _count_pooled_freedom(identification: Identification) -> float:
-    """Return the degrees of freedom of the pooled factor that is known worst; those of one parameter are a handful."""
-    training = identification.data.training
+def _compute_own_factors(identification: Identification) -> tuple[FloatArray, FloatArray]:
+    """Return the factors of the joints with rows, as each one's residuals say, and the degrees of freedom of these."""
+    training, effective = identification.data.training, identification.statistics.effective_rows
+    freedom = count_correlation_freedoms(training, identification.estimate.solution)
     has_rows = training.row_counts > 0
-    own = count_correlation_freedoms(training, identification.estimate.solution)
-    # The variance of the logarithm of a mean square is 2 over its degrees of freedom.
-    spread = _build_pooling_weights(has_rows)[has_rows] ** 2 @ (1.0 / own)
-    return float(1.0 / spread.max()) if len(spread) else 1.0
+    return training.row_counts[has_rows] / effective[has_rows], freedom[has_rows]
 
 
 def predict_errors(
@@ -289,7 +282,7 @@ def predict_errors(
     equations = identification.data.training.equations
     weights = np.array([1.0 if e.weighted_rows is None else e.weighted_rows.weight for e in equations])
     reduction = reduce_recordings(identification.model.observation, inputs, by_phase=True).weight_groups(weights)
-    inflation = _pool_inflation(identification)
+    inflation = _pool_inflation(identification, last.sampling_rate)
     size = (reduction.n_columns, reduction.n_columns)
     gained, spread = np.zeros(size), np.zeros(size)
     inflated = inflation * (statistics.noise / solution.noise) ** 2
@@ -310,7 +303,8 @@ def predict_errors(
     pooled = compute_sandwich_covariance(identification.data.training, solution, inflation)
     left = update @ pooled @ update.T + bread @ spread @ bread.T
     # The uncertainty over blocks of time is as many times larger than the pooled one as it is now.
-    covariances = _compute_covariance(identification, measure), pooled, 0.5 * (left + left.T)
+    present = _compute_covariance(identification, measure, last.sampling_rate)
+    covariances = present, pooled, 0.5 * (left + left.T)
     now, of_pooled, then = map(measure.compute_errors, covariances)
     ratio = np.divide(now, of_pooled, out=np.ones_like(now), where=np.isfinite(now + of_pooled) & (of_pooled > 0))
     return np.asarray(ratio * then)
@@ -338,13 +332,14 @@ def compute_lacking(errors: Sequence[RunErrors]) -> FloatArray:
     """Return the rms (n,) of the residual above the noise floor, N m or N, beyond what chance explains.
 
     A mean square of noise scatters: a short run of a joint whose torque is near its noise would seem to lack some per
-    cent. Runs count by their time.
+    cent. Where nothing is lacking, it is zero with 95 % probability on all joints together. Runs count by their time.
     """
     seconds = np.maximum([run.seconds for run in errors], np.finfo(float).tiny)
     shares = seconds / seconds.sum(axis=0)
     excess = np.sum(shares * [run.excess for run in errors], axis=0)
     scatter = np.linalg.norm(shares * [run.scatter for run in errors], axis=0)
-    return np.asarray(np.sqrt(np.maximum(excess - _BEYOND_CHANCE * scatter, 0.0)))
+    beyond_chance = scipy.special.ndtri(CONFIDENCE ** (1.0 / len(excess)))
+    return np.asarray(np.sqrt(np.maximum(excess - beyond_chance * scatter, 0.0)))
 
 
 def compare_with_run(identification: Identification, recording: Recording) -> RunErrors:
@@ -367,8 +362,7 @@ def compare_with_run(identification: Identification, recording: Recording) -> Ru
     errors = comparison.moving_errors
     floor, seconds = noise.values**2, comparison.moving.sum(axis=0) * float(np.median(np.diff(comparison.t)))
     # Independent samples of filtered white noise.
-    taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
-    correlation = np.correlate(taps, taps, "full") / float(taps @ taps)
+    correlation = correlate_white_noise(recording.sampling_rate, identification.preprocessing.torque_cutoff)
     worth = np.maximum(seconds * recording.sampling_rate / float(correlation @ correlation), 1.0)
     # A floor from repetitions is a mean square that scatters itself.
     scatter = floor * np.sqrt((4.0 if noise.source == "repeated_periods" else 2.0) / worth)
@@ -480,12 +474,19 @@ def compute_effect_errors(diagnosis: Diagnosis, effects: Sequence[str], robot: R
 
 
 def compute_target_errors(
-    request: CampaignRequest, identification: Identification, diagnosis: Diagnosis, measure: ErrorMeasure | None
+    request: CampaignRequest,
+    identification: Identification,
+    diagnosis: Diagnosis,
+    measure: ErrorMeasure | None,
+    rate: float,
 ) -> FloatArray:
-    """Return the errors (k,) of the targets of a goal after a run; infinite of a load that was not mounted yet."""
+    """Return the errors (k,) of the targets of a goal after a run; infinite of a load that was not mounted yet.
+
+    They are those that uncertain parameters cause, with 95 % probability, from recordings sampled at a rate (Hz).
+    """
     robot = identification.model.robot
     if measure is not None:
-        return compute_parameter_errors(identification, measure)
+        return measure.compute_errors(_compute_covariance(identification, measure, rate))
     if request.goal == "effects":
         return compute_effect_errors(diagnosis, request.decide, robot)
     return np.full(len(list_targets(request, robot.joint_names)), np.inf)

@@ -154,6 +154,10 @@ class JointSpring(Effect):
         return columns
 
 
+# Lead (m) of a usual ball screw of a prismatic joint, whose nut, motor and bearings repeat their torque every turn.
+_LEAD = 0.02
+
+
 class TorqueRipple(Effect):
     """Gear eccentricity, cogging, harmonic-drive error: torque periodic in the joint angle."""
 
@@ -168,7 +172,7 @@ class TorqueRipple(Effect):
         ShapeSpec(
             "k",
             "1/rad",
-            "waves per turn of the joint",
+            "waves per turn of the joint (per 2π m of a prismatic one)",
             30.0,
             proposal="angle_spectrum",
             refined=Refinement(0.025),
@@ -178,7 +182,7 @@ class TorqueRipple(Effect):
             is_whole=True,
         ),
     )
-    signature = "a peak in the spectrum of the residual over the joint's angle"
+    signature = "a peak in the spectrum of the residual over the joint's angle or stroke"
     confused_with = ("joint_spring",)
     of_position = True
     sources = ("Kircanski and Goldenberg 1997",)
@@ -189,9 +193,10 @@ class TorqueRipple(Effect):
     often_missed = 4
 
     def usual(self, robot: Robot, joint: int) -> UsualSize:
-        """Return the usual size: a per cent of the largest torque."""
+        """Return the usual size: a per cent of the largest torque; 20 waves a turn, or one in the lead of a screw."""
         torque = get_largest_torque(robot, joint)
-        return UsualSize({"Ac": 0.012 * torque, "As": 0.009 * torque}, {"k": 20.0})
+        waves = 2.0 * np.pi / _LEAD if robot.joints[joint].kind == "prismatic" else 20.0
+        return UsualSize({"Ac": 0.012 * torque, "As": 0.009 * torque}, {"k": waves})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return a cosine and a sine column a joint."""

@@ -1,4 +1,4 @@
-"""Correlated residuals: by what factor they overstate the number of rows, and how large they become in a long time.
+"""Correlated residuals: by what factor they overstate the number of rows, also pooled over equations.
 
 Covariances are in `parameter_covariance`, autocorrelation figures in diagnosis/comparison/.
 """
@@ -238,6 +238,65 @@ def count_correlation_freedom(equation: EquationFactors, fit: FloatArray) -> flo
     return max(1.0, trace**2 / max(spread - 2.0 * cubes + crossed, np.finfo(float).tiny))
 
 
+def pool_correlation_factors(own: FloatArray, freedom: FloatArray, of_noise: float) -> FloatArray:
+    """Return the correlation factors of equations as all of them together tell: nearer to their mean, and to noise.
+
+    Factors from a dozen blocks of time are by chance up to twice too large or too small. What a model leaves that lacks
+    nothing is white noise behind the filters, whose factor is known. The mean of the logarithms keeps what it has above
+    that beyond chance, and each equation what it has beside the mean.
+
+    Parameters
+    ----------
+    own, freedom : (n,), (n,)
+        Factor of each equation, and the degrees of freedom that it is known with.
+    of_noise : float
+        Factor of white noise behind the filters.
+
+    Returns
+    -------
+    (n,) array
+        The factors.
+    """
+    logarithms, variances, weights = _weigh_factors(own, freedom)
+    # No residual is whiter than the noise in it.
+    above = max(float(logarithms.mean() - np.log(of_noise)), 0.0)
+    excess = _compute_shares_beyond_chance(np.array([above]), variances.mean(keepdims=True) / len(own)) * above
+    return np.asarray(of_noise * np.exp(excess - logarithms.mean() + weights @ logarithms))
+
+
+def count_pooled_freedom(own: FloatArray, freedom: FloatArray) -> float:
+    """Return the degrees of freedom of the worst known of the factors that `pool_correlation_factors` makes of these.
+
+    What is known of noise does not count.
+
+    Parameters
+    ----------
+    own, freedom : (n,), (n,)
+        As `pool_correlation_factors` takes them.
+    """
+    _, variances, weights = _weigh_factors(own, freedom)
+    return float(2.0 / (weights**2 @ variances).max())
+
+
+def _weigh_factors(own: FloatArray, freedom: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return logarithms (n,) of factors, their variances by chance, and weights (n, n) that draw them to their mean."""
+    # The variance of the logarithm of a mean square is 2 over its degrees of freedom.
+    logarithms, variances, n = np.log(own), 2.0 / freedom, len(own)
+    # The mean is of the same values, so that a mean square about it is too small by one part in n.
+    away = np.sqrt(n / max(n - 1, 1)) * (logarithms - logarithms.mean())
+    shares = _compute_shares_beyond_chance(away, variances)
+    return logarithms, variances, np.diag(shares) + (1.0 - shares)[:, None] / n
+
+
+def _compute_shares_beyond_chance(away: FloatArray, variances: FloatArray) -> FloatArray:
+    """Return the shares (n,) of distances from a centre to keep (empirical Bayes; Efron and Morris 1975).
+
+    The true distances have as large a variance as the mean square has beyond that of chance.
+    """
+    between = max(float(np.mean(away**2 - variances)), 0.0)
+    return np.asarray(between / (between + variances))
+
+
 def compute_overstatement(
     w: FloatArray, rests: FloatArray, rows: float, fit: FloatArray, observed: FloatArray
 ) -> float:
@@ -402,67 +461,3 @@ def count_growth_worth(after: FloatArray, before: FloatArray) -> FloatArray:
     """
     growth = np.divide(after, before, out=np.ones_like(after), where=before > 0)
     return np.asarray(2.0 * growth / (1.0 + growth**2))
-
-
-BLOCK = 1.0
-"""Seconds of a block, whose largest value counts once, and of an alarm: neighbouring samples depend on each other."""
-# Share of the blocks whose largest values count as the tail, and fewest of them.
-_TAIL, _FEWEST_PEAKS = 0.1, 5
-
-
-def compute_block_maxima(values: FloatArray, period: float) -> FloatArray:
-    """Return the largest value of each whole second.
-
-    Parameters
-    ----------
-    values : (m,)
-        Values that follow each other.
-    period : float
-        Time between two of them in s.
-    """
-    length = max(1, round(BLOCK / period))
-    count = len(values) // length
-    return np.asarray(values[: count * length].reshape(count, length).max(axis=1, initial=0.0))
-
-
-def compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
-    """Return the value that a further block's largest value exceeds with a given probability.
-
-    The excesses of the largest values over a level have an exponential tail. What their number leaves open about its
-    mean counts: of k independent excesses with the mean m, a further one is above x with the probability
-    (1 + x / (k m))⁻ᵏ (the predictive distribution; Lawless 1973). So few values make a higher threshold, by as much as
-    the stated rate needs to hold in the mean. A tail with an end that the data tell, as of bounded friction, was tried:
-    at five alarms an hour there were twenty times as many.
-
-    Parameters
-    ----------
-    maxima : sequence of (m_i,)
-        Largest values of blocks of time, which follow each other.
-    share : float
-        The probability.
-    """
-    values = np.sort(np.concatenate(maxima))[::-1]
-    count = min(max(_FEWEST_PEAKS, round(_TAIL * len(values))), len(values) - 1)
-    ratio = count / len(values) / share
-    if ratio <= 1.0:
-        return float(np.quantile(values, 1.0 - min(share, 1.0)))
-    level, mean = float(values[count]), float(np.mean(values[:count] - values[count]))
-    independent = max(count * _count_independent_blocks(maxima) / len(values), float(_FEWEST_PEAKS))
-    return level + independent * mean * float(ratio ** (1.0 / independent) - 1.0)
-
-
-def _count_independent_blocks(maxima: Sequence[FloatArray]) -> float:
-    """Return how many independent blocks these are worth: m / (1 + 2 Σ ρ²), over the lags that are beyond chance.
-
-    All lags count up to half the longest interval: a motion that is repeated again and again says little new.
-    """
-    count = sum(map(len, maxima))
-    mean, lags = float(np.mean(np.concatenate(maxima))), max(map(len, maxima)) // 2
-    sums = np.zeros(lags + 1)
-    for part in maxima:
-        own = np.correlate(part - mean, part - mean, "full")[len(part) - 1 :][: lags + 1]
-        sums[: len(own)] += own
-    if not sums[0] > 0:
-        return 1.0
-    squares = (sums[1:] / sums[0]) ** 2
-    return count / (1.0 + 2.0 * float(squares[squares > 4.0 / count].sum()))

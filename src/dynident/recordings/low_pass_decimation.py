@@ -72,6 +72,23 @@ def low_pass(rate: float, cutoff: float | None) -> FloatArray:
     return 0.5 * (taps + taps[::-1])
 
 
+def correlate_white_noise(rate: float, cutoff: float | None) -> FloatArray:
+    """Return the autocorrelation of white noise behind the low-pass, for lags of -2 h to 2 h samples.
+
+    Parameters
+    ----------
+    rate, cutoff : float, float or None
+        As `low_pass` takes them, whose taps are 2 h + 1.
+
+    Returns
+    -------
+    (4 h + 1,)
+        The autocorrelation; 1 at the lag of zero, in the middle.
+    """
+    taps = low_pass(rate, cutoff)
+    return np.asarray(np.correlate(taps, taps, "full") / float(taps @ taps))
+
+
 def _design_windowed_sinc(half: int, edge: float) -> FloatArray:
     """Return a low-pass of 2 half + 1 taps with its edge at a share of the Nyquist frequency (scipy.signal.firwin)."""
     # Kaiser's formula for the window that gives this attenuation.

@@ -16,7 +16,7 @@ from scipy.special import pdtrc
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation.residual_correlation import BLOCK, compute_block_maxima, compute_threshold
+from dynident.estimation.residual_errors import BLOCK, compute_block_maxima, compute_threshold
 from dynident.identification import Identification
 from dynident.identification.thresholds import ValidationOutcome
 from dynident.number_format import format_percent

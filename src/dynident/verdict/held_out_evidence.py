@@ -13,7 +13,7 @@ from dynident.diagnosis.comparison.measured_against_predicted import Comparison,
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.estimation.parameter_covariance import NORMAL_95
-from dynident.estimation.residual_correlation import compute_threshold
+from dynident.estimation.residual_errors import compute_threshold
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.recordings.joint_phases import Phase

@@ -158,12 +158,13 @@ LINE_RATIO = 24.0
 
 It is only where to look: what a line explains has to pass the test of everything else."""
 
-# Lines of a joint that are tried, and lowest and highest waves a turn.
+# Lines of a joint that are tried.
 _LINES_A_JOINT = 2
-_LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
+# Lowest waves a turn (rad⁻¹), or in 2π m of a stroke (m⁻¹), and highest: screws have a lead of 4 mm or more.
+_LOWEST_LINE, _HIGHEST_LINES = 2.0, {"revolute": 250.0, "prismatic": 2.0 * np.pi / 0.004}
 _BINS = 200
-# Least range (rad) of a joint, and phase (rad) over the range by which the waves beside a line differ from it.
-_LEAST_ANGLE, _BESIDE = 0.2, 0.4
+# Least range of a joint (rad, m), and phase (rad) over the range by which the waves beside a line differ from it.
+_LEAST_RANGES, _BESIDE = {"revolute": 0.2, "prismatic": 0.02}, 0.4
 # Share of what the residual over the angle has beside a parabola: a slow wave with more of it is clear.
 _CLEAR = 0.5
 # Bins: twenty times the width of a line, nine bins, since its side lobes are as high as how unevenly a motion dwells.
@@ -179,7 +180,7 @@ class AngleLines:
     Parameters
     ----------
     clear : tuple of (int, float)
-        Lines that stand out: joint index, and waves a turn.
+        Lines that stand out: joint index, and waves a turn (in 2π m of a stroke).
     faint : tuple of (int, float)
         All waves of at most two cycles over the range: something else on the joint may hide them, and move what is left
         of them.
@@ -195,19 +196,18 @@ class AngleLines:
 
 
 def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
-    """Find lines in the spectrum of the residual over each joint's own angle."""
+    """Find lines in the spectrum of the residual over each joint's own angle or stroke."""
     clear, faint = [], []
     for j, joint in enumerate(robot.joints):
-        if joint.kind != "revolute":
-            continue
         q = np.concatenate([c.q[c.counted_rows[:, j], j] for c in comparisons])
         residual = np.concatenate([c.residual[c.counted_rows[:, j], j] for c in comparisons])
         if len(q) < _BINS:
             continue
         low, span = float(q.min()), float(q.max() - q.min())
-        if span < _LEAST_ANGLE:
+        if span < _LEAST_RANGES[joint.kind]:
             continue
-        lines = find_peaks(*compute_angle_power(q, residual), LINE_RATIO)[:_LINES_A_JOINT]
+        power = compute_angle_power(q, residual, _HIGHEST_LINES[joint.kind])
+        lines = find_peaks(*power, LINE_RATIO)[:_LINES_A_JOINT]
         slow, share = _find_slow_wave(q, residual, low, span)
         lines += [slow] if share > _CLEAR else []
         # A wave beside each, so that what a line is off by is not taken for something else.
@@ -227,7 +227,9 @@ def compute_line_share(comparisons: Sequence[Comparison], joint: int, waves: flo
     return explained / max(float(residual @ residual), np.finfo(float).tiny)
 
 
-def compute_angle_power(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+def compute_angle_power(
+    q: FloatArray, residual: FloatArray, highest: float = _HIGHEST_LINES["revolute"]
+) -> tuple[FloatArray, FloatArray]:
     """Return waves a turn (f,) of more than two cycles over a joint's range, and their power (f,) in the residual.
 
     No part of the range counts for more than the middle one: a joint that goes from point to point is nearly always
@@ -238,13 +240,13 @@ def compute_angle_power(q: FloatArray, residual: FloatArray) -> tuple[FloatArray
     count = np.bincount(part, minlength=_BINS)
     weight = 1.0 / np.maximum(count, np.median(count[count > 0]))[part]
     # The same as the sum over all rows, but for the rounding of q to a sixteenth of the shortest wave.
-    n_bins = int(np.ceil(span * _HIGHEST_LINE / (2 * np.pi) * 16))
+    n_bins = int(np.ceil(span * highest / (2 * np.pi) * 16))
     varying = weight * (residual - float(weight @ residual / weight.sum()))
     sums = np.bincount(_number_bins(q, low, span, n_bins), weights=varying, minlength=n_bins)
     # Padding with zeros gives several values to the width of a line, so that no peak falls between two.
     size = fft.next_fast_len(9 * n_bins, real=True)
     k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
-    in_range = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
+    in_range = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= highest)
     return k[in_range], np.asarray(np.abs(fft.rfft(sums, size)[in_range]) ** 2)
 
 
