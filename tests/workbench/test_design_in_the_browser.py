@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from support.heavy_arm import heavy_arm
+from support.standing_robots import STANDER
 from support.two_link_arm import URDF
 from support.workbench_page import ask
 
@@ -215,3 +216,24 @@ def test_the_next_experiment_of_a_diagnosis_is_filled_in(page: Any) -> None:
         page.click("#run-design")
     asked = sent.value.post_data_json
     assert asked["criterion"] == body["criterion"]
+
+
+def test_a_robot_is_let_stand_on_its_feet(page: Any, heard: Any) -> None:
+    client = Client(page.request.get("/").url)
+    robot = client.robots.create("stander", urdf=STANDER)
+    page.goto(f"/?view=design&robot={robot.id}")
+    page.locator("#design-standing > summary").click()
+    # A point has commas of its own.
+    feet = ["left_foot@0.14,0.05,-0.02", "left_foot@-0.06,0.05,-0.02", "right_foot@0.14,-0.05,-0.02"]
+    page.fill("#design-standing-feet", "; ".join(feet))
+    page.fill("#design-standing-sway", "0, 0")
+    page.fill("#design-standing-margin", "0.005")
+    page.fill("#design-time_budget", "2")
+    page.fill("#design-random_trajectories", "5")
+    page.fill("#design-duration", "3")
+    page.click("#run-design")
+    page.locator("canvas.arm").wait_for()
+    (design,) = ask(page, f"/designs?robot_id={robot.id}")["items"]
+    assert design["request"]["standing"]["feet"] == feet
+    assert design["request"]["standing"]["margin"] == 0.005
+    expect(page.locator("main")).to_contain_text("balance")

@@ -45,11 +45,11 @@ function labelOf(id) {
 
 function makerOf(schema) {
   if (schema["x-choices"]) return choice;
-  const { type, items } = plain(schema);
+  const { type, items, prefixItems } = plain(schema);
   if (type === "number" || type === "integer") return number;
   if (type === "boolean") return mark;
   if (type === "object" && plain(schema).additionalProperties?.type === "number") return pairs;
-  return type === "array" && ["number", "integer", "string"].includes(items?.type) ? list : null;
+  return type === "array" && ["number", "integer", "string"].includes((items ?? prefixItems?.[0])?.type) ? list : null;
 }
 
 /** The part of a schema that is not null. */
@@ -84,10 +84,13 @@ function mark(schema, value, props) {
   return { input, read: () => input.checked };
 }
 
+/** Values one behind another; a text with a comma in it, such as a foot with a point, is apart from others by a semicolon. */
 function list(schema, value, props) {
-  const input = h("input", { value: (value ?? []).join(", "), placeholder: "one, another", ...props });
-  const each = plain(schema).items.type === "string" ? String : Number;
-  const parts = () => input.value.split(/[,;]/).map((part) => part.trim()).filter(Boolean).map(each);
+  const { items } = plain(schema);
+  const apart = (text) => (text.includes("@") ? ";" : /[,;]/);
+  const input = h("input", { value: (value ?? []).join(String(value).includes("@") ? "; " : ", "), placeholder: "one, another", ...props });
+  const each = items?.type === "string" ? String : Number;
+  const parts = () => input.value.split(apart(input.value)).map((part) => part.trim()).filter(Boolean).map(each);
   return { input, read: () => (parts().length ? parts() : (schema.default ?? null)) };
 }
 

@@ -14,12 +14,13 @@ import { purposeChoice } from "./purpose.js";
 
 // What most people ask for stands in the open, in this order; the rest of what may be asked is folded.
 const OPEN = ["family", "duration", "sampling_rate", "harmonics", "time_budget", "random_trajectories", "seed"];
-const APART = ["robot_id", "earlier_ids", "identification_id", "kind", "criterion", "trajectory"];
+const APART = ["robot_id", "earlier_ids", "identification_id", "kind", "criterion", "trajectory", "standing"];
 const BUDGET = 15;
 
 /** A form that designs an experiment for a robot; `given` is a body of a design to begin with. */
 export async function designForm(robot, given) {
-  const [effects, asked, trajectory, criterion] = await Promise.all([catalogue(), fieldsOf("DesignRequest"), fieldsOf("Trajectory"), fieldsOf("Criterion")]);
+  const bodies = ["DesignRequest", "Trajectory", "Criterion", "Standing"];
+  const [effects, asked, trajectory, criterion, standing] = await Promise.all([catalogue(), ...bodies.map(fieldsOf)]);
   const start = { time_budget: BUDGET, ...given };
   const name = h("input", { maxlength: 200, id: "design-name", value: given.name ?? "" });
   const purpose = purposeChoice(robot, effects, criterion.name["x-choices"], given.criterion);
@@ -31,6 +32,7 @@ export async function designForm(robot, given) {
   const around = await obstacles(given.surroundings, prefix);
   const [kind] = controls({ kind: asked.kind }, { given, prefix });
   const moves = controls(trajectory, { given: given.trajectory, pointer: "/trajectory", prefix });
+  const stands = controls(standing, { given: given.standing, pointer: "/standing", prefix: `${prefix}standing-` });
   const own = controls(asked, { but: APART, given: start, prefix });
   const [open, folded] = sorted([...moves, ...own], OPEN);
   const said = h("div");
@@ -47,6 +49,7 @@ export async function designForm(robot, given) {
       ...limits.read(),
       ...around.read(),
       trajectory: { ...given.trajectory, ...saidBy(moves) },
+      standing: { ...given.standing, ...saidBy(stands) },
       ...saidBy(own),
     });
     go({ view: "design", robot: robot.id, design: made.id });
@@ -56,6 +59,8 @@ export async function designForm(robot, given) {
     h("div", { class: "fields" }, kind.element, open.map((one) => one.element)),
     limits.element,
     around.element,
+    h("details", { class: "more", id: "design-standing", open: Boolean(given.standing?.feet?.length), "data-pointer": "/standing" },
+      h("summary", {}, "A robot that stands on its feet"), h("div", { class: "fields" }, stands.map((one) => one.element))),
     h("div", { class: "fields" },
       field("Torque predicted by", model, { pointer: "/identification_id", hint: "An identified model knows friction and rotors, too." }),
       field("Name", name, { pointer: "/name" })),
