@@ -1,6 +1,6 @@
 """Robots on their feet, in MuJoCo: what is identified while nobody measures the forces of the ground.
 
-    python benchmarks/walking_robots.py [--robots quadruped,humanoid] [--seed 1] [--draws 10]
+    python benchmarks/walking_robots.py [--robots quadruped,humanoid] [--seed 1] [--draws 10] [--rate 200]
 
 A quadruped (Go2, 12 joints) and a humanoid (G1, 29 joints) sway on their feet, and lift them one after the other
 (`engine/walking.py`). The program gets the maker's description, whose masses, centres and inertias are some 15 % off
@@ -46,7 +46,7 @@ def record(kind: Kind, seed: int, name: str, folder: Path, args: argparse.Namesp
         walker.load_link(*place_load(kind, seed, load))
     stepping, number = name.startswith("step"), int(name[-1])
     motion = 10_000 * seed + 100 * (0 if load is None else load + 1) + 10 * stepping + number
-    log = record_walk(walker, motion, stepping=stepping, duration=args.duration, pace=PACES[number])
+    log = record_walk(walker, motion, stepping=stepping, duration=args.duration, pace=PACES[number], rate=args.rate)
     return write_log(folder / f"{kind.name}_{name}_{'bare' if load is None else load}.csv", log)
 
 
@@ -133,7 +133,8 @@ def main() -> None:
     parser.add_argument("--robots", default="quadruped,humanoid")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--duration", type=float, default=30.0)
+    parser.add_argument("--duration", type=float, default=30.0, help="of a recording, s")
+    parser.add_argument("--rate", type=float, default=200.0, help="of the recordings, Hz")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -22,8 +22,8 @@ from dynident.known_robots import list_stock_robots
 FloatArray = NDArray[np.float64]
 
 STEP = 1e-3
-"""Of the engine, s; the controller computes a torque every second step, and every fifth is recorded."""
-_CONTROL_EVERY, _RECORD_EVERY = 2, 5
+"""Of the engine, s; the controller computes a torque every second step."""
+_CONTROL_EVERY = 2
 _FRICTION = "0.9999 0.9999 0.001 0.5 2"
 _SETTLE = 1.0
 _SWING = 0.9
@@ -185,6 +185,8 @@ def build_walker(kind: Kind, seed: int, spread: float = 0.15) -> Walker:
                 friction=[0.9, 0, 0], condim=3, solref=[0.005, 1.0], group=3,
             )  # fmt: skip
     model = spec.compile()
+    # The controller knows no ends of joints, and would press against their stops, which no description tells.
+    model.jnt_limited[:] = 0
     # Feet touch the floor alone.
     model.geom_contype[:], model.geom_conaffinity[:] = 2, 1
     model.geom_contype[0], model.geom_conaffinity[0] = 1, 2
@@ -388,10 +390,10 @@ class Instruments:
 
 
 def record_walk(
-    walker: Walker, seed: int, *, stepping: bool, duration: float = 20.0, pace: float = 1.0,
+    walker: Walker, seed: int, *, stepping: bool, duration: float = 20.0, pace: float = 1.0, rate: float = 200.0,
     instruments: Instruments = Instruments(),
 ) -> Log:  # fmt: skip
-    """Let a robot sway on its feet, or lift them one after the other, and record it.
+    """Let a robot sway on its feet, or lift them one after the other, and record it at a rate (Hz).
 
     Raises
     ------
@@ -407,7 +409,7 @@ def record_walk(
         if step % _CONTROL_EVERY == 0:
             torque = controller.compute_torque(max(t, 0.0))
         data.qfrc_applied[6:] = torque
-        if t >= 0 and step % _RECORD_EVERY == 0:
+        if t >= 0 and step % round(1.0 / (rate * STEP)) == 0:
             touching = [False] * len(controller.links)
             for pair in data.contact.geom[: data.ncon]:
                 body = int(model.geom_bodyid[pair.max()])

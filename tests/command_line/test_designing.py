@@ -58,12 +58,12 @@ def test_feet_that_stand_are_options(tmp_path: Path) -> None:
     points = ";".join(f"{foot}_foot@{','.join(map(str, point))}" for foot in ("left", "right") for point in SOLE)
     home = ("--home", ",".join(map(str, HOME)))
     for feet in ("left_foot,right_foot", points):
-        stand = ("--feet", feet, "--balance-margin", 0.02, "--foot-friction", 0.4, *home)
+        stand = ("--feet", feet, "--balance-margin", 0.01, "--foot-friction", 0.4, *home)
         files = ("-o", tmp_path / "t.csv", "--json")
         answer = dynident("design", tmp_path / "stander.urdf", "--kind", "random", *QUICK, *stand, *files)
         assert answer.code == 0, answer.err
         margins = {margin["limit"]: margin for margin in answer.document["margins"]}
-        assert margins["balance"]["value"] >= margins["balance"]["bound"] == 0.02
+        assert margins["balance"]["value"] >= margins["balance"]["bound"] == 0.01
         assert margins["friction"]["bound"] == 0.4
     falls = ("--feet", "left_foot,right_foot", "--home", "-0.35,0,-0.35,0,0", "-o", tmp_path / "t.csv")
     refused = dynident("design", tmp_path / "stander.urdf", *QUICK, *falls)

@@ -21,6 +21,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.standing_feet import StandingBalance, build_standing_balance
 from dynident.motion import Margin, Standing, Surroundings
+from dynident.number_format import format_number
 from dynident.presentation.design_tables import describe_design
 from dynident.reports.figures.design import draw_design
 from dynident.robot import Description, Robot, robot_from_description
@@ -151,7 +152,7 @@ def test_legs_stay_and_the_result_says_where_the_pressure_goes() -> None:
     assert balance.joint == "left_foot, right_foot"
     assert balance.share == pytest.approx(balance.bound / balance.value)
     sentence = describe_design(design)
-    assert f"stays {balance.value:.3g} m inside the support" in sentence
+    assert f"stays {format_number(balance.value)} m inside the support" in sentence
     assert f"friction of {find_margin(design, 'friction').value:.2g}." in sentence
     assert any("stands on left_foot, right_foot" in note for note in design.notes)
     assert design.baseline is not None

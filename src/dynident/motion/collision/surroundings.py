@@ -192,7 +192,7 @@ class Standing(Request):
     )
     margin: float = declare_field(
         "Smallest distance of the centre of pressure from the edge of the support by standing feet",
-        default=0.01,
+        default=0.02,
         unit="m",
         at_least=0,
         at_most=FARTHEST,
