@@ -153,7 +153,7 @@ def test_legs_stay_and_the_result_says_where_the_pressure_goes() -> None:
     assert balance.share == pytest.approx(balance.bound / balance.value)
     sentence = describe_design(design)
     assert f"stays {format_number(balance.value)} m inside the support" in sentence
-    assert f"friction of {find_margin(design, 'friction').value:.2g}." in sentence
+    assert f"friction of {format_number(find_margin(design, 'friction').value, 2)}." in sentence
     assert any("stands on left_foot, right_foot" in note for note in design.notes)
     assert design.baseline is not None
     assert design.criterion_values.criterion < design.baseline.best.criterion
