@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.standing_robots import STANDER
+from support.standing_robots import SQUATTER, STANDER
 
 from dynident.robot import library_table
 from dynident_client import Client, JobFailed, ProblemError
@@ -98,3 +98,15 @@ def test_a_robot_on_its_feet_keeps_its_balance_and_the_ground_is_drawn(live: Cli
     assert ground["point"][2] == pytest.approx(-0.52, abs=0.01)
     with pytest.raises(JobFailed, match="does not balance at home"):
         live.designs.create(robot, **body, home=[-0.35, 0.0, -0.35, 0.0, 0.0]).wait()
+
+
+def test_a_trunk_that_sways_is_designed_and_not_simulated_on_a_held_base(live: Client) -> None:
+    robot = live.robots.create("squatter", urdf=SQUATTER)
+    leg = [0.0, 0.0, -0.4, 0.8, -0.4, 0.0]
+    body = {"kind": "random", "trajectory": SMALL, "random_trajectories": 2, "home": [*leg, *leg, 0.0, 0.0]}
+    standing = {"feet": ["left_foot", "right_foot"], "sway": [0.03, 0.1]}
+    design = live.designs.create(robot, **body, standing=standing).wait()
+    with pytest.raises(JobFailed, match="sways over its feet cannot be simulated"):
+        live.simulations.create(robot, design=design).wait()
+    with pytest.raises((JobFailed, ProblemError), match="none is named"):
+        live.designs.create(robot, **body, standing={"sway": [0.03, 0.1]}).wait()

@@ -94,6 +94,7 @@ def _plan_motion(task: Task, sent_request: SimulationRequest, robot: Robot, seed
         design = design_experiment(robot, request, scale_progress(task.progress, 0.0, 0.3))
         return designs.design_to_reference(design), design.sampling_rate
     stored = task.resources.get("design", sent_request.design_id or "")
+    designs.to_design_request(DesignRequest.model_validate(stored.request)).standing.refuse_simulation()
     result = DesignResult.model_validate(stored.result)
     path = task.objects.fetch_file(stored.objects["trajectory"].key)
     return designs.read_reference(path, result.joints), result.sampling_rate

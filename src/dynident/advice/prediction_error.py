@@ -15,7 +15,7 @@ import scipy
 
 from dynident.advice.campaign_request import CampaignRequest, list_targets
 from dynident.advice.payload_goal import name_load_parameters, select_payload_errors
-from dynident.array_types import FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Diagnosis
 from dynident.diagnosis.candidates.candidate_pool import find_places
 from dynident.diagnosis.comparison.measured_against_predicted import compare
@@ -232,16 +232,22 @@ def _pool_inflation(identification: Identification, rate: float) -> FloatArray:
     correlation = correlate_white_noise(rate, identification.preprocessing.torque_cutoff)
     # The sum over the lags of rows: torque that varies slowly meets the noise of all of them alike.
     of_noise = float(correlation[len(correlation) // 2 % decimation :: decimation].sum())
-    has_rows = identification.data.training.row_counts > 0
-    factors[has_rows] = pool_correlation_factors(*_compute_own_factors(identification), of_noise)
+    has_rows = _find_joints_with_rows(identification)
+    if has_rows.any():
+        factors[has_rows] = pool_correlation_factors(*_compute_own_factors(identification), of_noise)
     return factors
+
+
+def _find_joints_with_rows(identification: Identification) -> BoolArray:
+    training = identification.data.training
+    return np.asarray((training.row_counts > 0) & (identification.statistics.effective_rows > 0))
 
 
 def _compute_own_factors(identification: Identification) -> tuple[FloatArray, FloatArray]:
     """Return the factors of the joints with rows, as each one's residuals say, and the degrees of freedom of these."""
     training, effective = identification.data.training, identification.statistics.effective_rows
     freedom = count_correlation_freedoms(training, identification.estimate.solution)
-    has_rows = training.row_counts > 0
+    has_rows = _find_joints_with_rows(identification)
     return training.row_counts[has_rows] / effective[has_rows], freedom[has_rows]
 
 
@@ -338,7 +344,8 @@ def compute_lacking(errors: Sequence[RunErrors]) -> FloatArray:
     shares = seconds / seconds.sum(axis=0)
     excess = np.sum(shares * [run.excess for run in errors], axis=0)
     scatter = np.linalg.norm(shares * [run.scatter for run in errors], axis=0)
-    beyond_chance = scipy.special.ndtri(CONFIDENCE ** (1.0 / len(excess)))
+    # Joints that did not move have no residual that chance could raise.
+    beyond_chance = scipy.special.ndtri(CONFIDENCE ** (1.0 / max(int(np.count_nonzero(scatter)), 1)))
     return np.asarray(np.sqrt(np.maximum(excess - beyond_chance * scatter, 0.0)))
 
 

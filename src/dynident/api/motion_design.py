@@ -145,11 +145,7 @@ class DesignedMotion(Framed):
         """
         from dynident.simulation import build_recording_table, simulate
 
-        if self.design.request.standing.sways:
-            raise DynidentError(
-                "The motion of a trunk that sways over its feet cannot be simulated: simulation holds the base.",
-                title="Not for a base that moves",
-            )
+        self.design.request.standing.refuse_simulation()
         simulation = resolve_simulation(self.robot, parameters, request, self.design)
         table = build_recording_table(simulate(self.robot, simulation, scale_progress(progress, 0.0, 0.9)))
         metadata = RecordingMetadata(name=name)

@@ -274,6 +274,8 @@ def count_pooled_freedom(own: FloatArray, freedom: FloatArray) -> float:
     own, freedom : (n,), (n,)
         As `pool_correlation_factors` takes them.
     """
+    if not len(own):
+        return 1.0
     _, variances, weights = _weigh_factors(own, freedom)
     return float(2.0 / (weights**2 @ variances).max())
 

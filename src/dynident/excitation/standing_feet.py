@@ -341,6 +341,11 @@ def stand_on_feet(robot: Robot, request: DesignRequest) -> tuple[Robot, DesignRe
         As `build_standing_balance`, and where a joint shall move that is held.
     """
     if not request.standing.feet:
+        if any(request.standing.sway):
+            raise DynidentError(
+                "A trunk sways over feet that stand, and none is named: name them, or leave the sway out.",
+                pointer="/standing/sway",
+            )
         return robot, request, None
     robot = robot if robot.base == "fixed" else set_base(robot, "fixed")
     # A trunk that sways has limits like a joint, and is none of the joints that stand.

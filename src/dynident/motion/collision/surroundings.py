@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dynident.errors import DynidentError
 from dynident.schema.fields import Request, declare_field
 
 SMALLEST_CLEARANCE = 1e-3
@@ -211,3 +212,11 @@ class Standing(Request):
     def sways(self) -> bool:
         """Whether the trunk moves."""
         return bool(self.feet) and any(self.sway)
+
+    def refuse_simulation(self) -> None:
+        """Raise `DynidentError` where the trunk moves, as simulation holds the base."""
+        if self.sways:
+            raise DynidentError(
+                "The motion of a trunk that sways over its feet cannot be simulated: simulation holds the base.",
+                title="Not for a base that moves",
+            )
