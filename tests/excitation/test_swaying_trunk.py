@@ -339,6 +339,7 @@ def test_the_request_of_a_result_gives_the_same_motion_again() -> None:
     assert first.request.home == REQUEST.home
     assert any("Home is " + ", ".join(f"{value:g}" for value in REQUEST.home) in note for note in first.notes)
     assert any("moves by up to 0.05 m and turns by up to 0.15 rad" in note for note in first.notes)
+    assert any(note.startswith("No velocity limit is known for the base: ") for note in first.notes)
     again = dy.design(squatter(), first.request)
     np.testing.assert_allclose(again.design.q, first.q, atol=1e-9)
     assert [name for name in again.to_frame().columns if name.startswith("q_left")]

@@ -254,7 +254,7 @@ def build_bounds(
     # Assumptions are collected over all joints, for one note a kind of limit.
     assumed = _Assumptions()
     completed = [_complete_limits(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
-    notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes(robot.joint_names)]
+    notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes(robot.joint_names, robot.n_base)]
     torque = np.array([np.inf if limit.effort is None else limit.effort for limit in completed])
     motors = list(zip(robot.joint_names, torque, strict=True))[robot.n_base :]
     unlimited = [name for name, bound in motors if not np.isfinite(bound)]
@@ -415,8 +415,15 @@ class _Assumptions:
     acceleration: list[str] = field(default_factory=list)
     jerk: list[str] = field(default_factory=list)
 
-    def list_notes(self, joints: Sequence[str]) -> list[str]:
-        """Return the notes; `joints` are all of the robot's."""
+    def list_notes(self, joints: Sequence[str], n_base: int) -> list[str]:
+        """Return the notes; `joints` are all of the robot's, with coordinates of its base before them."""
+
+        def join(names: Sequence[str]) -> str:
+            # "All but elbow" would count the legs of a trunk that sways, which have limits of their own.
+            base = ["the base"] if set(joints[:n_base]) & set(names) else []
+            driven = [name for name in names if name not in joints[:n_base]]
+            return " and ".join([*base, join_joint_names(driven, joints[n_base:])] if driven else base)
+
         kinds = (
             (self.position, "position", "the motion stays within ±π rad"),
             (
@@ -432,7 +439,7 @@ class _Assumptions:
             (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
         )
         notes = [
-            f"No {kind} limit is known for {join_joint_names(names, joints)}: {assumption}."
+            f"No {kind} limit is known for {join(names)}: {assumption}."
             for names, kind, assumption in kinds
             if names
         ]
