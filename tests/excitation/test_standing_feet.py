@@ -367,7 +367,7 @@ def test_a_robot_in_mujoco_stands_through_a_design_and_tips_without_the_constrai
     lowest = float((points @ up).min())
     turn, move = play(model, designed(), up, lowest)
     assert turn < 0.025
-    assert move < 0.01
+    assert move < 0.02
     # Its soles leave the ground.
     assert play(model, designed_while_held(), up, lowest)[0] > 0.05
 

@@ -347,9 +347,11 @@ def ask_to_unwrap(names: str, q: FloatArray) -> list[Question]:
         # In a jump the joint goes on as before it: what jumps from rest is a step.
         before = steps[np.maximum(jumps - 1, 0)]
         period = float(f"{np.median(np.abs(steps[jumps] - before)):.3g}")
+        # What always jumps the same way is swept again and again, as a grid of poses is.
+        is_swept = len({*np.sign(steps[jumps])}) < 2
         is_turn = any(abs(period / turn / half - 1.0) < _LIKE for turn in _TURNS for half in (0.5, 1.0))
         goes_on = (before * steps[jumps] < 0.0) & (np.abs(before) <= _STEP * span)
-        if is_turn or goes_on.mean() < 0.5:
+        if is_turn or is_swept or goes_on.mean() < 0.5:
             continue
         detail = (
             f"{names} jump by {period:g}, {len(jumps)} times, from one end of their range to the other: a counter "

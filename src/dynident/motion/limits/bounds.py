@@ -439,9 +439,7 @@ class _Assumptions:
             (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
         )
         notes = [
-            f"No {kind} limit is known for {join(names)}: {assumption}."
-            for names, kind, assumption in kinds
-            if names
+            f"No {kind} limit is known for {join(names)}: {assumption}." for names, kind, assumption in kinds if names
         ]
         if self.limitless:
             turns = WIDEST_RANGE["revolute"] / (2 * np.pi)
