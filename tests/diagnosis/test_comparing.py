@@ -119,7 +119,7 @@ def test_a_line_over_the_angle_is_found_at_its_number_of_cycles(run):
         assert any(joint == 4 and abs(value - k) < 0.5 for joint, value in lines.clear)
 
 
-@pytest.mark.parametrize("lead", [0.005, 0.02, 0.06])
+@pytest.mark.parametrize("lead", [0.004, 0.005, 0.02, 0.06])
 def test_a_line_over_a_stroke_is_found_at_the_lead_of_its_screw(lead):
     arm, rng, t = dy.load_robot("scara"), np.random.default_rng(4), np.arange(4000) / 200.0
     q = np.tile(-0.1 + 0.09 * np.sin(0.7 * t) + 0.01 * np.sin(3.1 * t), (arm.n, 1)).T

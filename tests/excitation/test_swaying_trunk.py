@@ -303,6 +303,12 @@ REFUSED: dict[str, tuple[Robot, DesignRequest, str, str]] = {
         "/standing/feet/0",
         "needs 3",
     ),
+    "a foot twice": (
+        squatter(),
+        build_request(standing=Standing((*FEET, FEET[0]), sway=(0.1, 0.0))),
+        "/standing/feet/2",
+        "named twice",
+    ),
     "stretched": (squatter(), build_request(home=STRETCHED), "/home", "bend its knee"),
     "several paces": (
         squatter(),

@@ -765,6 +765,9 @@ def test_what_a_channel_holds_may_stand_below_its_name(tmp_path: Path) -> None:
     rows = [f"{0.5 * k},{k % 50},{k % 7}" for k in range(100)]
     path.write_text("\n".join(["Time,Analog 1,Analog 2", "ms,Position feedback,Servo motor torque", *rows, ""]))
     assert open_source(path, None).names == ["Time_ms", "Analog 1_Position feedback", "Analog 2_Servo motor torque"]
+    # Names of ours are whole.
+    path.write_text("\n".join(["t,q1,tau1", "Seconds,Degrees,Newton meters", *rows, ""]))
+    assert open_source(path, None).names == ["t", "q1", "tau1"]
 
 
 def test_names_in_two_lines_are_no_channels_of_a_scope(tmp_path: Path) -> None:

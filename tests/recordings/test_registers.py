@@ -125,3 +125,12 @@ def test_torques_of_an_arm_that_come_to_0_and_never_below_have_lost_their_signs(
     # A joint whose load is never lifted says that the others may be held on one side as well; so may two.
     assert check_lost_sign(coarse + np.array([0.0, 0.0, 0.1]), ["a", "b", "c"]) is None
     assert check_lost_sign(coarse[:, :2], ["a", "b"]) is None
+
+
+def test_a_drive_that_is_not_on_yet_has_not_lost_the_sign_of_its_torque() -> None:
+    t = np.arange(2000)[:, None] / 100.0
+    held = np.array([12.0, 8.0, 4.0]) + np.array([3.0, 2.0, 1.0]) * np.sin(t * np.array([1.0, 1.3, 2.0]))
+    first_row, later, ramp = held.copy(), held.copy(), held * np.clip(t / 0.5, 0.0, 1.0)
+    first_row[0], later[:100] = 0.0, 0.0
+    for tau in (held, first_row, later, ramp):
+        assert check_lost_sign(tau, ["a", "b", "c"]) is None

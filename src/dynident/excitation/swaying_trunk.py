@@ -227,6 +227,7 @@ def build_sway(robot: Robot, standing: Standing, home: FloatArray, held: BoolArr
         )
     whole_home = np.concatenate([np.zeros(_BASE), home])
     loops = [_close_leg(robot, text, whole_home, f"/standing/feet/{index}") for index, text in enumerate(standing.feet)]
+    _refuse_repeated_feet(standing)
     joints = list(robot.joints)
     reach = np.repeat(standing.sway, 3)
     # A coordinate without a range is locked as a joint is, so that its limits do not matter.
@@ -255,6 +256,19 @@ def build_sway(robot: Robot, standing: Standing, home: FloatArray, held: BoolArr
         )
     linkage = Linkage(tree, tuple(driven), ratios, np.zeros(tree.n), {}, closure)
     return Sway(build_driven_robot(linkage), start[: closure.n], np.concatenate([reach > 0.0, ~held[~held]]))
+
+
+def _refuse_repeated_feet(standing: Standing) -> None:
+    """Refuse two points of one foot: its leg has as many joints as one of them fixes directions."""
+    links = [parse_contact(text, "/standing/feet").link for text in standing.feet]
+    for index, link in enumerate(links):
+        if link in links[:index]:
+            raise DynidentError(
+                f"For the trunk to sway, a leg keeps one point or one sole in place, and {link} is named twice; name "
+                "it once.",
+                pointer=f"/standing/feet/{index}",
+                title=NOT_STANDING,
+            )
 
 
 def _close_leg(robot: Robot, text: str, home: FloatArray, pointer: str) -> Loop:

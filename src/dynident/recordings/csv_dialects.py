@@ -482,17 +482,17 @@ def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str,
         return {}
     fields = _split_fields(lines[number].lstrip("#% "), delimiter)
     fields[0] = "" if is_marked else fields[0]
-    if len(fields) != len(names) or not all(_UNIT.match(cell) for cell in fields):
-        return {}
-    if any(cell and _is_number(cell) for cell in fields):
+    are_units = len(fields) == len(names) and all(_UNIT.match(cell) for cell in fields)
+    if not are_units or any(cell and _is_number(cell) for cell in fields):
         return {}
     return _list_units(fields, names)
 
 
 def _is_second_line_of_names(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> bool:
-    """Tell whether words, too long for units, stand below all names, and numbers below them."""
+    """Tell whether words, too long for units, stand below all names that are not ours, and numbers below them."""
     cells = _split_fields(lines[number], delimiter) if number + 1 < len(lines) and _is_data(lines[number + 1]) else []
     are_words = len(cells) == len(names) and all(cell and not _is_number(cell) for cell in cells)
+    are_words = are_words and not any(re.fullmatch(r"(q|dq|ddq|tau|current)\d+", name) for name in names)
     return are_words and not _read_units(lines, number, delimiter, names)
 
 

@@ -160,8 +160,9 @@ It is only where to look: what a line explains has to pass the test of everythin
 
 # Lines of a joint that are tried.
 _LINES_A_JOINT = 2
-# Lowest waves a turn (rad⁻¹), or in 2π m of a stroke (m⁻¹), and highest: screws have a lead of 4 mm or more.
-_LOWEST_LINE, _HIGHEST_LINES = 2.0, {"revolute": 250.0, "prismatic": 2.0 * np.pi / 0.004}
+# Lowest waves a turn (rad⁻¹), or in 2π m of a stroke (m⁻¹), and highest: screws have a lead of 4 mm or more,
+# and a line at the end of the range would be cut.
+_LOWEST_LINE, _HIGHEST_LINES = 2.0, {"revolute": 250.0, "prismatic": 2.0 * np.pi / 0.003}
 _BINS = 200
 # Least range of a joint (rad, m), and phase (rad) over the range by which the waves beside a line differ from it.
 _LEAST_RANGES, _BESIDE = {"revolute": 0.2, "prismatic": 0.02}, 0.4

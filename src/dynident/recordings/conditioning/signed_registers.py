@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.conditioning.windows_and_changed_rows import ChangedRows, Signals, Window
-from dynident.recordings.joint_phases import find_spans
 from dynident.recordings.recording_metadata import Check
 from dynident.recordings.signal_spectra import find_step
 
@@ -238,21 +238,26 @@ NEAR_ZERO, AWAY, LEAST_TURNS, STRAIGHT = 0.01, 0.05, 3, 0.9
 """Shares of its largest value that a torque without its sign comes down to, and leaves again, at least so often; and
 the share of the variance there that a line explains once the sign is back: of a step at most 0.75."""
 
+_OFF = 0.2
+"""Share of its rows that a torque is 0 at a stretch where the drive is off."""
 
-_FEWEST_JOINTS, _WRAP, _OFF = 3, 0.9, 0.2
-"""Joints of an arm, of which some are not held on one side. The share of its range that a register jumps by at 0; and
-of its rows that a torque is 0 at a stretch where the drive is off."""
+
+_FEWEST_JOINTS, _WRAP = 3, 0.9
+"""Joints of an arm, of which some are not held on one side. The share of its range that a register jumps by at 0."""
 
 
 def _comes_to_zero(tau: FloatArray) -> bool:
-    """Tell whether a torque (m,) that is never below 0 comes down to it, and is no register whose sign was not read.
+    """Tell whether a torque (m,) that is never below 0 often comes down to it, and is no register whose sign is unread.
 
-    One of a drive that is off for a while does not say whether it had a sign.
+    What is 0 at the ends is a drive that is not on yet, or no longer; one that is off for a while does not say whether
+    its torque had a sign.
     """
-    if max((b - a for a, b in find_spans(tau == 0.0)), default=0) > _OFF * len(tau):
-        return False
     is_register = np.count_nonzero(np.abs(np.diff(tau)) > _WRAP * np.ptp(tau)) >= _FEWEST_JUMPS
-    return not is_register and bool(tau.min() < NEAR_ZERO * tau.max())
+    away = np.flatnonzero(tau > AWAY * tau.max())
+    dips = [tau[first + 1 : last] for first, last in pairwise(away) if last > first + 1]
+    n_dips = sum(dip.min() < NEAR_ZERO * tau.max() for dip in dips)
+    is_off = any(np.count_nonzero(dip == 0.0) > _OFF * len(tau) for dip in dips)
+    return not is_register and not is_off and n_dips >= LEAST_TURNS
 
 
 def _has_lost_sign(tau: FloatArray) -> bool:
